@@ -24,7 +24,7 @@ def export(config: ExportConfig) -> int:
     else:
         checkpoint = config.checkpoint or PACKAGED
         header, content = export_onnx(checkpoint)
-        what = f"{header.size_px} px, {header.filters} filters, for {header.model_name}"
+        what = f"{header.size_px} px, {header.widths[0]} filters, for {header.model_name}"
     write_file(config.out, content)
     say(Console(stderr=True), f"{checkpoint}: {what} -> {config.out}")
     return 0

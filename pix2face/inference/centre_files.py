@@ -11,12 +11,11 @@ import numpy as np
 from jaxtyping import Float32, UInt8
 from numpy import ndarray
 
-from pix2face.errors import InputFileError
-from pix2face.files.json_text import JsonObject, parse_json, typed
-from pix2face.inference.checkpoint import read_arrays, read_header
+from pix2face.files.json_text import JsonObject, typed
 from pix2face.inference.onnx_graph import OnnxGraph
-from pix2face.inference.onnx_layers import Layers, Weights
+from pix2face.inference.onnx_layers import Layers
 from pix2face.inference.onnx_session import OnnxSession, open_onnx
+from pix2face.inference.weight_files import Weights, header_fits_weights, header_in, read_arrays, read_header
 from pix2face.networks.dimensions import CENTRE_NECK, CENTRE_PLANES, CENTRE_WIDTHS, MOST_FILTERS, PLANES_IN
 
 METADATA_KEY = "pix2face-detector"
@@ -47,19 +46,15 @@ def load_detector(path: Path) -> tuple[DetectorHeader, CentreAnswers]:
     Raises:
         InputFileError: The file is missing, truncated, of another kind, or of a newer schema.
     """
-    if path.suffix.lower() == ".onnx":
-        session = open_onnx(path)
-        try:
-            header: DetectorHeader = typed(parse_json(session.metadata[METADATA_KEY], JsonObject), DetectorHeader)
-            if header.schema_version > SCHEMA_VERSION:
-                raise InputFileError(f"{path}: schema {header.schema_version} is newer than {SCHEMA_VERSION}; upgrade")
-            if session.shapes.keys() != {INPUT_NAME, OUTPUT_NAME}:
-                raise ValueError("other inputs and outputs")
-        except (KeyError, ValueError) as error:
-            raise InputFileError(f"{path}: expected a detector as ONNX, found another file ({error})") from error
-        return header, _runner(session)
-    header, graph = _read(path, half=False)
-    return header, _runner(OnnxSession(graph.content()))
+    if path.suffix.lower() != ".onnx":
+        header, graph = _read(path, half=False)
+        return header, _runner(OnnxSession(graph.content()))
+    session = open_onnx(path)
+    header = _typed(path, header_in(session.metadata, path, METADATA_KEY, SCHEMA_VERSION))
+    with header_fits_weights(path, "detector"):
+        if session.shapes.keys() != {INPUT_NAME, OUTPUT_NAME}:
+            raise ValueError(f"expected {INPUT_NAME} and {OUTPUT_NAME}, found {', '.join(session.shapes)}")
+    return header, _runner(session)
 
 
 def export_detector(detector: Path, *, half: bool = False) -> bytes:
@@ -82,29 +77,22 @@ def detector_header(path: Path) -> DetectorHeader:
     Raises:
         InputFileError: The file is missing, truncated, of another kind, or of a newer schema.
     """
-    fields = read_header(path, METADATA_KEY, SCHEMA_VERSION)
-    try:
+    return _typed(path, read_header(path, METADATA_KEY, SCHEMA_VERSION))
+
+
+def _typed(path: Path, fields: JsonObject) -> DetectorHeader:
+    with header_fits_weights(path, "detector"):
         header: DetectorHeader = typed(fields, DetectorHeader)
-    except ValueError as error:
-        raise unusable_detector(path, error) from error
     return header
-
-
-def unusable_detector(path: Path, error: Exception) -> InputFileError:
-    """The error of a file whose header and weights contradict each other."""
-    reason = str(error).splitlines()[0]
-    return InputFileError(f"{path}: header and weights do not make a detector ({reason})")
 
 
 def _read(path: Path, *, half: bool) -> tuple[DetectorHeader, OnnxGraph]:
     header, graph = detector_header(path), OnnxGraph(half=half)
     pictures = graph.input(INPUT_NAME, ("batch", PLANES_IN, "height", "width"))
-    try:
-        weights = Weights(read_arrays(path))
+    weights = Weights(read_arrays(path))
+    with header_fits_weights(path, "detector"):
         cells = _network(graph, pictures, weights, header.widths, header.neck)
         weights.check_empty()
-    except ValueError as error:
-        raise unusable_detector(path, error) from error
     graph.output(OUTPUT_NAME, cells, ("batch", CENTRE_PLANES, "rows", "columns"))
     return header, graph
 

@@ -1,7 +1,6 @@
 """The checkpoint: weights as safetensors with one JSON header (layout: docs/reference). Loading runs no code."""
 
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, final
@@ -9,20 +8,17 @@ from typing import Annotated, Any, final
 import msgspec
 import numpy as np
 from numpy import ndarray
-from safetensors import SafetensorError, safe_open
 
-from pix2face.errors import InputFileError, ModelMismatchError
+from pix2face.errors import ModelMismatchError
 from pix2face.files.json_text import Integer, JsonObject, Positive, parse_json, typed
-from pix2face.files.opening import check_regular, is_folder, is_regular
 from pix2face.geometry.crops import INFERENCE_SCALE
-from pix2face.inference import CHECKPOINT_NAME
+from pix2face.inference.weight_files import header_fits_weights, read_arrays, read_header
 from pix2face.networks import MAP_PLANES
 from pix2face.networks.dimensions import LARGEST_SIDE_PX, MOST_FILTERS, check_network, paper_widths
 
 Side = Annotated[int, msgspec.Meta(ge=1, le=LARGEST_SIDE_PX)]
 Widths = Annotated[tuple[Annotated[int, msgspec.Meta(ge=1, le=MOST_FILTERS)], ...], msgspec.Meta(max_length=16)]
 NotNegative = Annotated[float, msgspec.Meta(ge=0)]
-LARGEST_FILE_BYTES, MOST_HEADER_VALUES = 1 << 33, 1_000_000
 METADATA_KEY = "pix2face-checkpoint"
 SCHEMA_VERSION = 5
 # Residual networks of earlier schemas have planes of the finest level alone.
@@ -66,11 +62,6 @@ class CheckpointHeader:
     landmarks: Mapping[str, tuple[Integer, ...]] = field(default_factory=dict)
     schema_version: int = SCHEMA_VERSION
 
-    @property
-    def filters(self) -> int:
-        """Filters of the first level."""
-        return self.widths[0]
-
     @classmethod
     def from_json(cls, fields: Mapping[str, Any]) -> "CheckpointHeader":
         """Restores a header from the JSON form of ``asdict``, of this schema or an earlier one.
@@ -90,6 +81,8 @@ class CheckpointHeader:
             raise ValueError(f"the unknown field {min(unknown)!r}")
         header: CheckpointHeader = typed(known, cls)
         parse_json(header.configuration, JsonObject)
+        numbers = header.planes, header.n_landmarks, header.n_corrected
+        check_network(header.architecture, header.size_px, header.widths, *numbers)
         return header
 
     def check_model(self, name: str, sha256: str) -> None:
@@ -123,11 +116,6 @@ def load_weights(path: Path) -> tuple[CheckpointHeader, dict[str, ndarray]]:
     """
     fields = read_header(path, METADATA_KEY, SCHEMA_VERSION)
     header, arrays = _header_of(path, fields), read_arrays(path)
-    numbers = header.planes, header.n_landmarks, header.n_corrected
-    try:
-        check_network(header.architecture, header.size_px, header.widths, *numbers)
-    except ValueError as error:
-        raise unusable(path, error) from error
     if fields["schema_version"] < FIRST_WITH_COARSE_PLANES and header.architecture == "residual":
         for place, width in enumerate(header.widths[-2:0:-1]):
             arrays[f"coarse_planes.{place}.weight"] = np.zeros((header.planes, width, 1, 1), np.float32)
@@ -136,73 +124,5 @@ def load_weights(path: Path) -> tuple[CheckpointHeader, dict[str, ndarray]]:
 
 
 def _header_of(path: Path, fields: Mapping[str, Any]) -> CheckpointHeader:
-    try:
+    with header_fits_weights(path, "network"):
         return CheckpointHeader.from_json(fields)
-    except ValueError as error:
-        raise unusable(path, error) from error
-
-
-def unusable(path: Path, error: Exception) -> InputFileError:
-    """The error of a file whose header and weights contradict each other."""
-    reason = str(error).splitlines()[0]
-    return InputFileError(f"{path}: header and weights do not make a network ({reason}); train or fetch it again")
-
-
-def read_header(path: Path, key: str, newest_schema: int) -> dict[str, Any]:
-    """Reads the header that ``write_tensors`` wrote, and no tensor.
-
-    Raises:
-        InputFileError: The file is missing, truncated, of another kind, or of a newer schema.
-    """
-    with open_safetensors(path, "numpy") as file:
-        metadata = file.metadata() or {}
-    try:
-        header: dict[str, Any] = parse_json(metadata[key], JsonObject, MOST_HEADER_VALUES)
-        version = typed(header.get("schema_version"), Integer)
-    except (KeyError, ValueError) as error:
-        found = f"{', '.join(sorted(metadata)) or 'no metadata'} ({error})"
-        raise InputFileError(f"{path}: expected {key} in the safetensors header, found {found}") from error
-    if version > newest_schema:
-        raise InputFileError(
-            f"{path}: {key} schema {version} is newer than {newest_schema}, which this version reads; upgrade pix2face"
-        )
-    return header
-
-
-def read_arrays(path: Path) -> dict[str, ndarray]:
-    """Reads the arrays of a safetensors file.
-
-    Raises:
-        InputFileError: The file is missing, truncated or foreign, or has arrays of a type that NumPy does not know.
-    """
-    with open_safetensors(path, "numpy") as file:
-        try:
-            arrays = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 (not a mapping)
-            for name, own in arrays.items():
-                if own.dtype.kind not in "fiu":
-                    raise TypeError(f"{name} is {own.dtype}")
-        except (TypeError, AttributeError, ValueError) as error:  # ValueError: of more dimensions than NumPy has
-            raise InputFileError(f"{path}: expected arrays in float16 or float32, found others ({error})") from error
-    return arrays
-
-
-@contextmanager
-def open_safetensors(path: Path, framework: str) -> Iterator[Any]:
-    """Opens a safetensors file, which checks that it is whole.
-
-    Raises:
-        InputFileError: The file is missing, truncated or foreign.
-    """
-    if is_folder(path):
-        raise InputFileError(f"{path}: expected a checkpoint, found a folder; training writes {path / CHECKPOINT_NAME}")
-    if not is_regular(path):
-        raise InputFileError(f"{path}: no such file; `train --shards DIR` writes checkpoints, --checkpoint names one")
-    check_regular(path, "a checkpoint", LARGEST_FILE_BYTES)
-    try:
-        with safe_open(path, framework=framework) as file:
-            yield file
-    except (SafetensorError, OSError, MemoryError) as error:  # MemoryError: of a file that cannot be mapped
-        raise InputFileError(
-            f"{path}: expected a complete safetensors file, found one that cannot be read ({error}); "
-            "fetch or write it again"
-        ) from error

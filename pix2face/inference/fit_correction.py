@@ -9,7 +9,7 @@ from jaxtyping import Float32, Float64
 from numpy import ndarray
 
 from pix2face.geometry.camera import Camera, affine_camera
-from pix2face.inference.onnx_layers import Weights
+from pix2face.inference.weight_files import Weights
 from pix2face.networks.dimensions import (
     CAMERA_CHANGES,
     CAMERA_FACTS,

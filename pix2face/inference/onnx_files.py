@@ -1,7 +1,6 @@
 """Networks as ONNX: opened from checkpoints and from files, run by onnxruntime, written for other programs."""
 
 import json
-from collections.abc import Mapping
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Final, final
@@ -10,24 +9,16 @@ import numpy as np
 from jaxtyping import Float32
 from numpy import ndarray
 
-from pix2face.errors import InputFileError
-from pix2face.files.json_text import Integer, JsonObject, parse_json, typed
 from pix2face.inference.answers import Answers, Network
-from pix2face.inference.checkpoint import METADATA_KEY, SCHEMA_VERSION, CheckpointHeader, load_weights, unusable
+from pix2face.inference.checkpoint import METADATA_KEY, SCHEMA_VERSION, CheckpointHeader, load_weights
 from pix2face.inference.fit_correction import FitCorrection
-from pix2face.inference.onnx_graph import OnnxGraph, Shape
-from pix2face.inference.onnx_layers import Weights
-from pix2face.inference.onnx_networks import (
-    face_network,
-    feature_shapes,
-    residual_decoder,
-    residual_encoder,
-)
+from pix2face.inference.onnx_graph import OnnxGraph
+from pix2face.inference.onnx_networks import INPUT_NAME, LANDMARKS_NAME, OUTPUT_NAME, SEEN_NAME, add_network
 from pix2face.inference.onnx_session import OnnxSession, open_onnx
+from pix2face.inference.weight_files import Weights, header_fits_weights, header_in
 from pix2face.networks import LANDMARK_NUMBERS, SCALE_PLANE
 from pix2face.networks.dimensions import PLANES_IN
 
-INPUT_NAME, OUTPUT_NAME, LANDMARKS_NAME, SEEN_NAME = "image", "maps", "landmarks", "seen"
 CORRECTION: Final = "correction."
 DESCRIPTION: Final = (
     "image: RGB crop of a face, pixel / 255 - 0.5, (batch, 3, size, size). maps: PNCC x, y, z times pncc_scale_mm and "
@@ -49,11 +40,13 @@ def open_network(checkpoint: Path) -> tuple[CheckpointHeader, Network, FitCorrec
         InputFileError: The file is missing, truncated, no checkpoint, or of a newer schema.
     """
     header, arrays = load_weights(checkpoint)
-    try:
-        graphs, correction = _parts(header, arrays, min(header.planes, SCALE_PLANE))
-        return header, _OnnxNetwork(*(OnnxSession(graph.content()) for graph in graphs)), correction
-    except ValueError as error:
-        raise unusable(checkpoint, error) from error
+    weights = Weights(arrays)
+    with header_fits_weights(checkpoint, "network"):
+        graphs = _parts(header, weights, half=False)
+        correction = FitCorrection.of(weights, header.n_corrected) if header.n_corrected else None
+        weights.check_empty()
+        network = _OnnxNetwork(*(OnnxSession(graph.content()) for graph in graphs))
+    return header, network, correction
 
 
 def export_onnx(checkpoint: Path) -> tuple[CheckpointHeader, bytes]:
@@ -67,12 +60,11 @@ def export_onnx(checkpoint: Path) -> tuple[CheckpointHeader, bytes]:
     Raises:
         InputFileError: The checkpoint is missing, truncated, foreign, or of a newer schema.
     """
-    header, arrays = _without_correction(checkpoint)
+    header, weights = _without_correction(checkpoint)
     graph = OnnxGraph()
-    try:
-        _add_network(graph, header, Weights(arrays), header.planes)
-    except ValueError as error:
-        raise unusable(checkpoint, error) from error
+    with header_fits_weights(checkpoint, "network"):
+        add_network((graph, graph), weights, header, header.planes)
+        weights.check_empty()
     return header, graph.content({METADATA_KEY: json.dumps(asdict(header), sort_keys=True)}, DESCRIPTION)
 
 
@@ -88,12 +80,32 @@ def export_parts(checkpoint: Path) -> tuple[CheckpointHeader, list[bytes]]:
     Raises:
         InputFileError: The checkpoint is missing, truncated, foreign, or of a newer schema.
     """
-    header, arrays = _without_correction(checkpoint)
-    try:
-        graphs, _ = _parts(header, arrays, min(header.planes, SCALE_PLANE), half=True)
-    except ValueError as error:
-        raise unusable(checkpoint, error) from error
+    header, weights = _without_correction(checkpoint)
+    with header_fits_weights(checkpoint, "network"):
+        graphs = _parts(header, weights, half=True)
+        weights.check_empty()
     return header, [graph.content() for graph in graphs]
+
+
+def _without_correction(checkpoint: Path) -> tuple[CheckpointHeader, Weights]:
+    """Header and weights of a checkpoint, as if its network did not correct fits."""
+    header, arrays = load_weights(checkpoint)
+    kept = {name: values for name, values in arrays.items() if not name.startswith(CORRECTION)}
+    return replace(header, n_corrected=0), Weights(kept)
+
+
+def _parts(header: CheckpointHeader, weights: Weights, *, half: bool) -> list[OnnxGraph]:
+    """The graphs of a network without the plane of scales, to be run one after the other.
+
+    Those of a network that predicts landmarks are its two halves, since landmarks alone take the first one only.
+
+    Raises:
+        ValueError: The weights are not those of the network.
+    """
+    first = OnnxGraph(half=half)
+    second = OnnxGraph(half=half) if header.n_landmarks else first
+    add_network((first, second), weights, header, min(header.planes, SCALE_PLANE))
+    return [first] if second is first else [first, second]
 
 
 def load_onnx(path: Path) -> tuple[CheckpointHeader, Network]:
@@ -103,83 +115,16 @@ def load_onnx(path: Path) -> tuple[CheckpointHeader, Network]:
         InputFileError: The file is missing, truncated, not ours, or of a newer schema.
     """
     session = open_onnx(path)
-    try:
-        fields = parse_json(session.metadata[METADATA_KEY], JsonObject)
-        if typed(fields.get("schema_version"), Integer) > SCHEMA_VERSION:
-            raise InputFileError(f"{path}: schema {fields['schema_version']} is newer than {SCHEMA_VERSION}; upgrade")
+    fields = header_in(session.metadata, path, METADATA_KEY, SCHEMA_VERSION)
+    with header_fits_weights(path, "network"):
         header = CheckpointHeader.from_json(fields)
         sides = [header.size_px, header.size_px]
         expected = {INPUT_NAME: [PLANES_IN, *sides], OUTPUT_NAME: [header.planes, *sides]}
         if header.n_landmarks:
             expected[LANDMARKS_NAME] = [header.n_landmarks, LANDMARK_NUMBERS]
         if session.shapes != expected:
-            raise ValueError("a graph that does not fit its header")
-    except (KeyError, ValueError) as error:
-        raise InputFileError(f"{path}: expected a network that `pix2face export` wrote, found another one") from error
+            raise ValueError(f"expected {expected}, found {session.shapes}")
     return header, _OnnxNetwork(session)
-
-
-def _without_correction(checkpoint: Path) -> tuple[CheckpointHeader, dict[str, ndarray]]:
-    """Header and weights of a checkpoint, as if its network did not correct fits."""
-    header, arrays = load_weights(checkpoint)
-    kept = {name: values for name, values in arrays.items() if not name.startswith(CORRECTION)}
-    return replace(header, n_corrected=0), kept
-
-
-def _parts(
-    header: CheckpointHeader, arrays: Mapping[str, ndarray], planes: int, *, half: bool = False
-) -> tuple[list[OnnxGraph], FitCorrection | None]:
-    """The graphs of a network, to be run one after the other, and its correction of fits, if it has one.
-
-    Those of a network that predicts landmarks are its two halves.
-
-    Raises:
-        ValueError: The weights are not those of the network.
-    """
-    weights, encoder = Weights(arrays), OnnxGraph(half=half)
-    if not header.n_landmarks:
-        return [encoder], _add_network(encoder, header, weights, planes)
-    decoder = OnnxGraph(half=half)
-    image = encoder.input(INPUT_NAME, ("batch", PLANES_IN, header.size_px, header.size_px))
-    features, found = residual_encoder(encoder, image, weights, header)
-    inputs = []
-    for number, (name, shape) in enumerate(zip(features, feature_shapes(header), strict=True)):
-        encoder.output(f"features{number}", name, ("batch", *shape))
-        inputs.append(decoder.input(f"features{number}", ("batch", *shape)))
-    _add_outputs(encoder, found, header, planes)
-    _add_outputs(decoder, residual_decoder(decoder, inputs, weights, header, planes), header, planes)
-    correction = _correction(weights, header)
-    weights.check_empty()
-    return [encoder, decoder], correction
-
-
-def _add_network(graph: OnnxGraph, header: CheckpointHeader, weights: Weights, planes: int) -> FitCorrection | None:
-    """Adds the whole network of a checkpoint to a graph, and returns its correction of fits, if it has one.
-
-    Raises:
-        ValueError: The weights are not those of the network.
-    """
-    image = graph.input(INPUT_NAME, ("batch", PLANES_IN, header.size_px, header.size_px))
-    found = face_network(graph, image, weights, header, planes)
-    correction = _correction(weights, header)
-    weights.check_empty()
-    _add_outputs(graph, found, header, planes)
-    return correction
-
-
-def _correction(weights: Weights, header: CheckpointHeader) -> FitCorrection | None:
-    return FitCorrection.of(weights, header.n_corrected) if header.n_corrected else None
-
-
-def _add_outputs(graph: OnnxGraph, found: Mapping[str, str], header: CheckpointHeader, planes: int) -> None:
-    shapes: dict[str, tuple[str, Shape]] = {
-        "planes": (OUTPUT_NAME, (planes, header.size_px, header.size_px)),
-        "landmarks": (LANDMARKS_NAME, (header.n_landmarks, LANDMARK_NUMBERS)),
-        "seen": (SEEN_NAME, ("features",)),
-    }
-    for kind, value in found.items():
-        name, shape = shapes[kind]
-        graph.output(name, value, ("batch", *shape))
 
 
 @final

@@ -3,7 +3,6 @@
 Norms are folded into the convolutions before them; the bounds of the innermost ones remain.
 """
 
-from collections.abc import Mapping
 from typing import final
 
 import numpy as np
@@ -11,49 +10,8 @@ from jaxtyping import Float32
 from numpy import ndarray
 
 from pix2face.inference.onnx_graph import OnnxGraph
+from pix2face.inference.weight_files import Weights
 from pix2face.networks.dimensions import FARTHEST, VARIANCE_FLOOR
-
-NORM_EPSILON = 1e-5  # of torch's batch norms
-
-
-@final
-class Weights:
-    """The arrays of a checkpoint, each of which is taken once.
-
-    Args:
-        arrays: By the names that they have in torch.
-    """
-
-    def __init__(self, arrays: Mapping[str, ndarray]) -> None:
-        self._left = dict(arrays)
-
-    def take(self, name: str, *shape: int) -> Float32[ndarray, "..."]:
-        """Returns an array as float32.
-
-        Raises:
-            ValueError: It is missing or of another shape.
-        """
-        found = self._left.pop(name, None)
-        if found is None or found.shape != shape:
-            raise ValueError(f"{name} should be {shape} and is {'missing' if found is None else found.shape}")
-        with np.errstate(over="ignore"):
-            return found.astype(np.float32)
-
-    def take_norm(self, name: str, width: int) -> tuple[Float32[ndarray, " c"], Float32[ndarray, " c"]]:
-        """Mean, and deviation with the epsilon that torch adds, of a batch norm."""
-        self._left.pop(f"{name}.num_batches_tracked", None)
-        mean, variance = (self.take(f"{name}.{part}", width) for part in ("running_mean", "running_var"))
-        with np.errstate(invalid="ignore"):  # where a file is damaged, maps are not finite, and that is said
-            return mean, np.sqrt(variance + np.float32(NORM_EPSILON))
-
-    def check_empty(self) -> None:
-        """Checks that everything was taken.
-
-        Raises:
-            ValueError: Something is left.
-        """
-        for name in sorted(self._left):
-            raise ValueError(f"{name} should be missing and is {self._left[name].shape}")
 
 
 @final

@@ -5,7 +5,8 @@ from itertools import pairwise
 
 from pix2face.inference.checkpoint import CheckpointHeader
 from pix2face.inference.onnx_graph import OnnxGraph
-from pix2face.inference.onnx_layers import Layers, Weights
+from pix2face.inference.onnx_layers import Layers
+from pix2face.inference.weight_files import Weights
 from pix2face.networks import LANDMARK_NUMBERS
 from pix2face.networks.dimensions import (
     CORRECTION_PLACES,
@@ -19,43 +20,46 @@ from pix2face.networks.dimensions import (
     PLANES_IN,
 )
 
+INPUT_NAME, OUTPUT_NAME, LANDMARKS_NAME, SEEN_NAME = "image", "maps", "landmarks", "seen"
 
-def face_network(
-    graph: OnnxGraph, image: str, weights: Weights, header: CheckpointHeader, planes: int
-) -> dict[str, str]:
-    """The network of a checkpoint, whose weights are taken.
+
+def add_network(graphs: tuple[OnnxGraph, OnnxGraph], weights: Weights, header: CheckpointHeader, planes: int) -> None:
+    """Adds the network of a checkpoint to graphs, from its input to its outputs.
 
     Args:
-        graph: To which it is added.
-        image: Its input, ``b 3 s s`` in [-0.5, 0.5].
-        weights: Of the checkpoint.
+        graphs: For the part up to the landmarks, and for the rest; the same graph twice for the whole network, as which
+            the paper's is always made.
+        weights: Of the checkpoint. All but those of the correction itself are taken.
         header: Of the checkpoint.
         planes: Number of planes that are answered, the first ones.
-
-    Returns:
-        The names of its answers: "planes", ``b planes s s``; "landmarks", ``b n 3``, if it predicts them; and
-        "seen", ``b k``, which the correction of fits goes by, if it has one.
 
     Raises:
         ValueError: An array is missing or has another shape.
     """
+    first, second = graphs
+    image = first.input(INPUT_NAME, ("batch", PLANES_IN, header.size_px, header.size_px))
     if header.architecture == "paper":
-        return {"planes": _paper(Layers(graph, weights), image, header, planes)}
-    features, landmarks = residual_encoder(graph, image, weights, header)
-    return residual_decoder(graph, features, weights, header, planes) | landmarks
+        maps, seen, landmarks = _paper(Layers(first, weights), image, header, planes), "", ""
+    else:
+        features, landmarks = _encoder(Layers(first, weights), image, header)
+        if second is not first:
+            features = [_handed_over(graphs, *own) for own in zip(features, _feature_shapes(header), strict=True)]
+        maps, seen = _decoder(Layers(second, weights), features, header, planes)
+    second.output(OUTPUT_NAME, maps, ("batch", planes, header.size_px, header.size_px))
+    if seen:
+        second.output(SEEN_NAME, seen, ("batch", "features"))
+    if landmarks:
+        first.output(LANDMARKS_NAME, landmarks, ("batch", header.n_landmarks, LANDMARK_NUMBERS))
 
 
-def residual_encoder(
-    graph: OnnxGraph, image: str, weights: Weights, header: CheckpointHeader
-) -> tuple[list[str], dict[str, str]]:
-    """The first half of ``pix2face.networks.residual.ResidualUNet``, up to the landmarks.
-
-    The arguments are those of ``face_network``.
+def _encoder(layers: Layers, image: str, header: CheckpointHeader) -> tuple[list[str], str]:
+    """The first half of ``pix2face.networks.residual.ResidualUNet``.
 
     Returns:
-        The features that the decoder needs, with the shapes of ``feature_shapes``; and "landmarks", if there are any.
+        The features that the decoder needs, with the shapes of ``_feature_shapes``; and landmarks, empty if there are
+        none.
     """
-    layers, widths = Layers(graph, weights), header.widths
+    widths = header.widths
     x = layers.convolution(image, "stem", PLANES_IN, widths[0], 3, stride=2, norm="stem_norm")
     x, skips = layers.relu(x), []
     for level, (before, after) in enumerate(pairwise(widths)):
@@ -64,24 +68,25 @@ def residual_encoder(
     for place in range(INNER_BLOCKS):
         x = layers.block(x, f"inner.{place}", widths[-1], widths[-1], 2, is_bounded=True)
     x = _outwards(layers, x, skips.pop(), 0, widths)
-    landmarks = {"landmarks": _landmarks(layers, x, widths[-2], header)} if header.n_landmarks else {}
-    return [*skips, x], landmarks
+    return [*skips, x], _landmarks(layers, x, widths[-2], header) if header.n_landmarks else ""
 
 
-def feature_shapes(header: CheckpointHeader) -> list[tuple[int, int, int]]:
+def _feature_shapes(header: CheckpointHeader) -> list[tuple[int, int, int]]:
     """Planes and sides of the features between the halves of a residual network, from the outermost inwards."""
     sides = (header.size_px // 2 ** (level + 1) for level in range(len(header.widths) - 1))
     return [(width, side, side) for width, side in zip(header.widths, sides, strict=False)]
 
 
-def residual_decoder(
-    graph: OnnxGraph, features: Sequence[str], weights: Weights, header: CheckpointHeader, planes: int
-) -> dict[str, str]:
-    """The second half of ``pix2face.networks.residual.ResidualUNet``, from the features that the first half found.
+def _handed_over(graphs: tuple[OnnxGraph, OnnxGraph], features: str, shape: tuple[int, int, int]) -> str:
+    """Features of the first graph as an input of the second."""
+    first, second = graphs
+    first.output(f"features_{features}", features, ("batch", *shape))
+    return second.input(f"features_{features}", ("batch", *shape))
 
-    The other arguments and the answers are those of ``face_network``, without landmarks.
-    """
-    layers, widths, n_planes = Layers(graph, weights), header.widths, header.planes
+
+def _decoder(layers: Layers, features: Sequence[str], header: CheckpointHeader, planes: int) -> tuple[str, str]:
+    """The second half: planes, and what the correction of fits goes by; empty if there is none."""
+    widths, n_planes = header.widths, header.planes
     *skips, x = features
     coarse, levels = "", []
     for level, width in enumerate(widths[-2::-1]):
@@ -93,11 +98,9 @@ def residual_decoder(
             coarse = layers.add(answer, layers.enlarged(coarse, 2, "linear")) if coarse else answer
     # Four pixels of each plane at a time.
     fine = layers.convolution(x, "planes", widths[0], 4 * n_planes, 3, has_bias=True, kept=4 * planes)
-    fine = graph.node("DepthToSpace", fine, blocksize=2, mode="CRD")
-    found = {"planes": layers.add(fine, layers.enlarged(coarse, 4, "linear"))}
-    if header.n_corrected:
-        found["seen"] = _seen(layers, levels[: len(CORRECTION_WIDTHS)][::-1], header)
-    return found
+    fine = layers.graph.node("DepthToSpace", fine, blocksize=2, mode="CRD")
+    maps = layers.add(fine, layers.enlarged(coarse, 4, "linear"))
+    return maps, _seen(layers, levels[: len(CORRECTION_WIDTHS)][::-1], header) if header.n_corrected else ""
 
 
 def _paper(layers: Layers, image: str, header: CheckpointHeader, planes: int) -> str:
@@ -132,7 +135,7 @@ def _outwards(layers: Layers, x: str, skip: str, level: int, widths: Sequence[in
 
 def _landmarks(layers: Layers, x: str, width: int, header: CheckpointHeader) -> str:
     """``pix2face.networks.residual.LandmarkHead``."""
-    flat = layers.pooled(x, feature_shapes(header)[-1][1], LANDMARK_PLACES)
+    flat = layers.pooled(x, _feature_shapes(header)[-1][1], LANDMARK_PLACES)
     n_numbers = header.n_landmarks * LANDMARK_NUMBERS
     first = layers.linear(flat, "landmarks.first", width * LANDMARK_PLACES**2, LANDMARK_FEATURES)
     second = layers.linear(layers.relu(first), "landmarks.second", LANDMARK_FEATURES, n_numbers)
@@ -152,4 +155,4 @@ def _seen(layers: Layers, levels: Sequence[tuple[str, int]], header: CheckpointH
         x = layers.block(x, f"correction.blocks.{place}", before, after, 2, halves=True)
         x = layers.relu(layers.add(x, narrowed[place + 1]))
     x = layers.block(x, "correction.last", CORRECTION_WIDTHS[-1], CORRECTION_WIDTHS[-1], 2)
-    return layers.pooled(x, feature_shapes(header)[-1][1], CORRECTION_PLACES)
+    return layers.pooled(x, _feature_shapes(header)[-1][1], CORRECTION_PLACES)

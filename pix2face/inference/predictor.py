@@ -17,7 +17,7 @@ from pix2face.inference.answers import Answers, Network
 from pix2face.inference.checkpoint import CheckpointHeader
 from pix2face.inference.fit_correction import FitCorrection
 from pix2face.inference.onnx_files import load_onnx, open_network
-from pix2face.inference.onnx_layers import Weights
+from pix2face.inference.weight_files import Weights
 from pix2face.networks import MAP_PLANES, MASK_PLANE, SEEN_PLANE
 
 # The network is hardly faster with more faces at a time, and memory stays small.

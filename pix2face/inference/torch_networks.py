@@ -16,7 +16,8 @@ from torch import Tensor, nn
 from pix2face.errors import UsageError
 from pix2face.files.writing import written_in_one_step
 from pix2face.inference.answers import Answers
-from pix2face.inference.checkpoint import METADATA_KEY, CheckpointHeader, load_weights, open_safetensors, unusable
+from pix2face.inference.checkpoint import METADATA_KEY, CheckpointHeader, load_weights
+from pix2face.inference.weight_files import Weights, header_fits_weights
 from pix2face.networks.architectures import build_network
 from pix2face.networks.residual import ResidualUNet
 
@@ -30,12 +31,10 @@ def save_checkpoint(
     since variances overflow float16, and so do the few biases of what is answered.
     """
     tensors = network.state_dict()
-    exact = {
-        name: tensor
-        for name, tensor in tensors.items()
-        if tensor.ndim <= 1 and not name.endswith(("_norm.weight", "_norm.bias"))
-    }
-    write_tensors(path, METADATA_KEY, asdict(header), _in_precision(tensors, precision) | exact)
+    for name, tensor in tensors.items():
+        if tensor.is_floating_point() and (tensor.ndim > 1 or name.endswith(("_norm.weight", "_norm.bias"))):
+            tensors[name] = tensor.to(precision)
+    write_tensors(path, METADATA_KEY, asdict(header), tensors)
 
 
 def load_checkpoint(path: Path) -> tuple[CheckpointHeader, nn.Module]:
@@ -45,46 +44,33 @@ def load_checkpoint(path: Path) -> tuple[CheckpointHeader, nn.Module]:
         InputFileError: The file is missing, truncated, no checkpoint, or of a newer schema.
     """
     header, arrays = load_weights(path)
-    try:
-        network = _without_weights(header)
-        tensors = {name: torch.from_numpy(values) for name, values in arrays.items()}
-        _check_shapes(network, tensors)
-        weights = {name: _laid_out(tensors[name], wanted) for name, wanted in network.state_dict().items()}
-        network.load_state_dict(weights, assign=True)
-    except (KeyError, TypeError, ValueError, RuntimeError) as error:
-        raise unusable(path, error) from error
+    numbers = header.planes, header.n_landmarks, header.n_corrected
+    with header_fits_weights(path, "network"):
+        with torch.device("meta"):  # takes neither memory for weights nor time to draw them
+            network = build_network(header.architecture, header.size_px, header.widths, *numbers)
+        fill_network(network, Weights(arrays))
     return header, network.eval()
 
 
-def _without_weights(header: CheckpointHeader) -> nn.Module:
-    """The network that the header describes, which takes neither memory for weights nor time to draw them."""
-    with torch.device("meta"):
-        return build_network(
-            header.architecture, header.size_px, header.widths, header.planes, header.n_landmarks, header.n_corrected
-        )
-
-
-def _check_shapes(network: nn.Module, tensors: Mapping[str, Tensor]) -> None:
-    """Makes sure that a file has the weights of a network.
+def fill_network(network: nn.Module, weights: Weights) -> None:
+    """Gives a network the weights of a file.
 
     Raises:
         ValueError: Some are missing, unknown, or of another shape.
     """
-    expected = network.state_dict()
-    for name in sorted(expected.keys() | tensors.keys()):
-        wanted, found = (tuple(own[name].shape) if name in own else None for own in (expected, tensors))
-        if wanted != found:
-            raise ValueError(f"{name} should be {wanted or 'missing'} and is {found or 'missing'}")
+    tensors = {name: tensor_like(wanted, weights, name) for name, wanted in network.state_dict().items()}
+    weights.check_empty()
+    network.load_state_dict(tensors, assign=True)
 
 
-def _laid_out(tensor: Tensor, wanted: Tensor) -> Tensor:
-    """A copy in the precision and the order of memory of a tensor that has no data."""
-    return torch.empty_strided(wanted.shape, wanted.stride(), dtype=wanted.dtype).copy_(tensor)
+def tensor_like(wanted: Tensor, weights: Weights, name: str) -> Tensor:
+    """A tensor of a file, in the shape, the precision and the order of memory of another, which needs no data.
 
-
-def _in_precision(tensors: Mapping[str, Tensor], precision: torch.dtype) -> dict[str, Tensor]:
-    """Converts floating-point tensors to another precision; integers stay as they are."""
-    return {name: tensor.to(precision) if tensor.is_floating_point() else tensor for name, tensor in tensors.items()}
+    Raises:
+        ValueError: It is missing, or of another shape.
+    """
+    values = weights.take(name, *wanted.shape, dtype=np.float32 if wanted.is_floating_point() else np.int64)
+    return torch.empty_like(wanted, device="cpu").copy_(torch.from_numpy(values))
 
 
 def write_tensors(path: Path, key: str, header: Mapping[str, Any], tensors: Mapping[str, Tensor]) -> None:
@@ -95,16 +81,6 @@ def write_tensors(path: Path, key: str, header: Mapping[str, Any], tensors: Mapp
     stored = {name: tensor.detach().cpu().contiguous() for name, tensor in tensors.items()}
     with written_in_one_step(path) as temporary:
         save_file(stored, temporary, metadata={key: json.dumps(header, sort_keys=True)})
-
-
-def read_tensors(path: Path) -> dict[str, Tensor]:
-    """Reads the tensors that ``write_tensors`` wrote.
-
-    Raises:
-        InputFileError: The file is missing, truncated or foreign.
-    """
-    with open_safetensors(path, "pt") as file:
-        return {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 (not a mapping)
 
 
 @final

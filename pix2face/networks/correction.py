@@ -5,6 +5,7 @@ the features of the network know more of it than the maps say.
 """
 
 import math
+from collections import OrderedDict
 from collections.abc import Sequence
 from itertools import pairwise
 from typing import final
@@ -44,7 +45,7 @@ class FitCorrection(nn.Module):
     def __init__(self, level_widths: Sequence[int], coefficients: int) -> None:
         super().__init__()
         self.narrow = nn.ModuleList(
-            Narrow(before, after) for before, after in zip(level_widths, CORRECTION_WIDTHS, strict=True)
+            narrowing(before, after) for before, after in zip(level_widths, CORRECTION_WIDTHS, strict=True)
         )
         self.blocks = nn.ModuleList(
             ResidualBlock(before, after, 2, halves=True) for before, after in pairwise(CORRECTION_WIDTHS)
@@ -118,24 +119,10 @@ class FitCorrection(nn.Module):
         return corrected, coefficients + CHANGE * changes[:, CAMERA_CHANGES:]
 
 
-@final
-class Narrow(nn.Module):
-    """Features of fewer filters, normalised.
-
-    Args:
-        before: Filters of the input.
-        after: Filters of the output.
-    """
-
-    def __init__(self, before: int, after: int) -> None:
-        super().__init__()
-        self.change = nn.Conv2d(before, after, kernel_size=1, bias=False)
-        self.change_norm = nn.BatchNorm2d(after)
-
-    def forward(self, features: Float[Tensor, "b c y x"]) -> Float[Tensor, "b d y x"]:
-        """Returns the features, narrowed."""
-        narrowed: Tensor = self.change_norm(self.change(features))
-        return narrowed
+def narrowing(before: int, after: int) -> nn.Sequential:
+    """Makes features of fewer filters, normalised."""
+    change = nn.Conv2d(before, after, kernel_size=1, bias=False)
+    return nn.Sequential(OrderedDict(change=change, change_norm=nn.BatchNorm2d(after)))
 
 
 def rotation_and_scale(cameras: Float[Tensor, "b 2 4"]) -> tuple[Float[Tensor, "b 3 3"], Float[Tensor, " b"]]:

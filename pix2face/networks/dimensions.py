@@ -1,6 +1,5 @@
 """Sizes of the layers of each architecture, from which networks in torch and their graphs in ONNX are made."""
 
-import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -63,8 +62,9 @@ CENTRE_NECK = 32  # filters of the pyramid
 class Architecture:
     """What holds for all networks of one kind."""
 
-    widths: Callable[[int, int], tuple[int, ...]]  # filters of each level, from the side (px) and those of the first
-    check_size: Callable[[int], object]  # raises ValueError where the network cannot take a picture of a side
+    # Filters of each level, from the side (px) and those of the first. It raises ValueError where the network cannot
+    # take a picture of this side.
+    widths: Callable[[int, int], tuple[int, ...]]
     is_any_size: bool  # whether the same weights take pictures of other sizes
 
 
@@ -80,15 +80,16 @@ def check_network(
         raise ValueError(f"expected an architecture of {', '.join(ARCHITECTURES)}, found {architecture!r}")
     if not MAP_PLANES <= planes <= MOST_PLANES:
         raise ValueError(f"expected {MAP_PLANES} to {MOST_PLANES} planes, found {planes}")
-    ARCHITECTURES[architecture].check_size(size_px)
+    known = ARCHITECTURES[architecture].widths(size_px, widths[0] if widths else 0)
     if architecture == "residual":
-        check_residual_widths(widths)
+        if len(widths) != len(known):
+            raise ValueError(f"expected the filters of {len(known)} levels, found {len(widths)}")
         return
     if landmarks or corrected:
         raise ValueError(
             f"expected neither landmarks nor corrections of the paper's network, found {landmarks, corrected}"
         )
-    if not widths or widths != paper_widths(size_px, widths[0]):
+    if widths != known:
         raise ValueError(f"expected the paper's widths for {size_px} px, found {widths}")
 
 
@@ -98,18 +99,9 @@ def paper_widths(size_px: int, filters: int) -> tuple[int, ...]:
     Raises:
         ValueError: The size is not a power of two, or below 8.
     """
-    return tuple(filters * min(2**level, WIDEST) for level in range(level_count(size_px)))
-
-
-def level_count(size_px: int) -> int:
-    """How often a picture can be halved until one pixel is left.
-
-    Raises:
-        ValueError: The size is not a power of two, or below 8.
-    """
     if size_px < 8 or size_px & (size_px - 1):
         raise ValueError(f"expected a power of two of at least 8 for the side of the network's input, found {size_px}")
-    return int(math.log2(size_px))
+    return tuple(filters * min(2**level, WIDEST) for level in range(size_px.bit_length() - 1))
 
 
 def residual_widths(filters: int) -> tuple[int, ...]:
@@ -117,31 +109,20 @@ def residual_widths(filters: int) -> tuple[int, ...]:
     return tuple(filters * multiple for multiple in WIDTH_MULTIPLES)
 
 
-def check_residual_widths(widths: tuple[int, ...]) -> None:
-    """Checks the number of levels.
-
-    Raises:
-        ValueError: It is another one.
-    """
-    if len(widths) != len(WIDTH_MULTIPLES):
-        raise ValueError(f"expected the filters of {len(WIDTH_MULTIPLES)} levels, found {len(widths)}")
-
-
 def correction_widths(widths: tuple[int, ...]) -> tuple[int, ...]:
     """Filters of the features that the correction of fits goes by, from those of all levels."""
     return widths[-len(CORRECTION_WIDTHS) - 1 : -1]
 
 
-def _check_divisible(size_px: int) -> None:
+def _residual_widths_at(size_px: int, filters: int) -> tuple[int, ...]:
     if size_px < SIZE_DIVISOR or size_px % SIZE_DIVISOR:
         raise ValueError(f"expected a multiple of {SIZE_DIVISOR} for the side of the network's input, found {size_px}")
+    return residual_widths(filters)
 
 
 ARCHITECTURES: Mapping[str, Architecture] = MappingProxyType(
     {
-        "paper": Architecture(widths=paper_widths, check_size=level_count, is_any_size=False),
-        "residual": Architecture(
-            widths=lambda size_px, filters: residual_widths(filters), check_size=_check_divisible, is_any_size=True
-        ),
+        "paper": Architecture(widths=paper_widths, is_any_size=False),
+        "residual": Architecture(widths=_residual_widths_at, is_any_size=True),
     }
 )

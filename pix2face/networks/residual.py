@@ -19,7 +19,6 @@ from pix2face.networks.dimensions import (
     LANDMARK_FEATURES,
     LANDMARK_PLACES,
     PLANES_IN,
-    check_residual_widths,
     correction_widths,
 )
 
@@ -54,7 +53,6 @@ class ResidualUNet(nn.Module):
         self, widths: tuple[int, ...], planes: int = MAP_PLANES, landmarks: int = 0, corrected: int = 0
     ) -> None:
         super().__init__()
-        check_residual_widths(widths)
         self.stem = nn.Conv2d(PLANES_IN, widths[0], kernel_size=3, stride=2, padding=1, bias=False)
         self.stem_norm = nn.BatchNorm2d(widths[0])
         self.encoder = nn.ModuleList(

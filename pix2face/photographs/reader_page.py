@@ -18,8 +18,8 @@ from pix2face.fitting.face_fit import ERROR_OF_FIT, MEAN_OF_SCALE
 from pix2face.geometry.landmarks import IBUG68
 from pix2face.inference.centre_files import OUTPUT_NAME as CELLS
 from pix2face.inference.checkpoint import CheckpointHeader
-from pix2face.inference.onnx_files import LANDMARKS_NAME
-from pix2face.inference.onnx_files import OUTPUT_NAME as MAPS
+from pix2face.inference.onnx_networks import LANDMARKS_NAME
+from pix2face.inference.onnx_networks import OUTPUT_NAME as MAPS
 from pix2face.models.morphable_model import MorphableModel
 from pix2face.networks import MASK_PLANE, SEEN_PLANE
 from pix2face.networks.dimensions import CENTRE_MULTIPLE, CENTRE_STRIDE

@@ -5,8 +5,9 @@ from pathlib import Path
 
 import torch
 
-from pix2face.inference.centre_files import METADATA_KEY, DetectorHeader, detector_header, unusable_detector
-from pix2face.inference.torch_networks import read_tensors, write_tensors
+from pix2face.inference.centre_files import METADATA_KEY, DetectorHeader, detector_header
+from pix2face.inference.torch_networks import fill_network, write_tensors
+from pix2face.inference.weight_files import Weights, header_fits_weights, read_arrays
 from training.detection.centre_network import CentreNetwork
 
 
@@ -25,13 +26,7 @@ def load_centre_network(path: Path) -> CentreNetwork:
         InputFileError: The file is missing, truncated, of another kind, or of a newer schema.
     """
     header = detector_header(path)
-    try:
+    with header_fits_weights(path, "detector"):
         network = CentreNetwork(header.widths, header.neck)
-        network.load_state_dict({name: _single(value) for name, value in read_tensors(path).items()})
-    except (TypeError, ValueError, RuntimeError) as error:
-        raise unusable_detector(path, error) from error
+        fill_network(network, Weights(read_arrays(path)))
     return network
-
-
-def _single(value: torch.Tensor) -> torch.Tensor:
-    return value.float() if value.is_floating_point() else value

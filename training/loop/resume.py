@@ -16,8 +16,8 @@ from torch import Tensor, nn
 
 from pix2face.errors import InputFileError, UsageError
 from pix2face.files.json_text import Count, JsonObject, parse_json, typed
-from pix2face.inference.checkpoint import read_header
-from pix2face.inference.torch_networks import read_tensors, write_tensors
+from pix2face.inference.torch_networks import tensor_like, write_tensors
+from pix2face.inference.weight_files import Weights, read_arrays, read_header
 from training.loop.learner import Learner
 
 METADATA_KEY = "pix2face-resume"
@@ -95,19 +95,19 @@ def load_state(path: Path, learner: Learner) -> float:
     Raises:
         InputFileError: The file is truncated or foreign.
     """
-    header, tensors = _read_header(path), read_tensors(path)
+    header, weights = _read_header(path), Weights(read_arrays(path))
     try:
         with torch.no_grad():
             for name, own in _own_tensors(learner):
-                own.copy_(tensors[name])
+                own.copy_(tensor_like(own, weights, name))
         for name, parameter in _learning(learner):
+            # Moments keep the memory layout of their parameter: Adam's fused kernel walks both side by side.
+            like = {"step": torch.tensor(0.0), "exp_avg": parameter, "exp_avg_sq": parameter}
             learner.optimiser.state[parameter] = {
-                # Moments keep the memory layout of their parameter: Adam's fused kernel walks both side by side.
-                key: _in_layout_of(parameter, tensors[f"{key}/{name}"])
-                for key in _ADAM_STATE
+                key: tensor_like(own, weights, f"{key}/{name}").to(parameter.device) for key, own in like.items()
             }
         learner.steps_done = header.step
-    except (KeyError, RuntimeError) as error:
+    except ValueError as error:
         raise _foreign(path, error) from error
     return math.inf if header.best is None else header.best
 
@@ -143,10 +143,6 @@ def _own_tensors(learner: Learner) -> Iterator[tuple[str, Tensor]]:
 
 def _learning(learner: Learner) -> list[tuple[str, nn.Parameter]]:
     return [named for named in learner.network.named_parameters() if named[1].requires_grad]
-
-
-def _in_layout_of(parameter: Tensor, value: Tensor) -> Tensor:
-    return value.to(parameter.device) if value.ndim == 0 else torch.empty_like(parameter).copy_(value)
 
 
 def _check_same_configuration(path: Path, stored: dict[str, Any], present: dict[str, Any]) -> None:

@@ -69,7 +69,7 @@ def test_the_packaged_detector_as_onnx_finds_the_same(tmp_path: Path) -> None:
 
 
 def test_other_files_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputFileError, match="expected pix2face-detector in the safetensors header"):
+    with pytest.raises(InputFileError, match="expected pix2face-detector in the metadata"):
         load_detector(PACKAGED)
     with pytest.raises(InputFileError, match="no such file"):
         load_detector(tmp_path / "missing.safetensors")

@@ -97,7 +97,7 @@ def test_a_foreign_file_is_refused(tmp_path, load):
     with pytest.raises(InputFileError, match="expected a complete safetensors file"):
         load(tmp_path / "pickle.pt")
     save_file({"weight": torch.zeros(1)}, tmp_path / "other.safetensors", metadata={"format": "pt"})
-    with pytest.raises(InputFileError, match="expected pix2face-checkpoint in the safetensors header, found format"):
+    with pytest.raises(InputFileError, match="expected pix2face-checkpoint in the metadata, found format"):
         load(tmp_path / "other.safetensors")
 
 

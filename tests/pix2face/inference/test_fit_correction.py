@@ -6,7 +6,7 @@ import torch
 
 from pix2face.geometry.camera import HeadPose, WeakPerspective, affine_camera, rotation_of_pose, weak_perspective_camera
 from pix2face.inference.fit_correction import FitCorrection, camera_of_rows, centred_rows
-from pix2face.inference.onnx_layers import Weights
+from pix2face.inference.weight_files import Weights
 from pix2face.networks import correction as trained_correction
 from pix2face.networks.dimensions import CORRECTION_PLACES, CORRECTION_WIDTHS
 

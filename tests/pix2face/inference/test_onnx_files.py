@@ -14,7 +14,8 @@ from pix2face.commands.cli import main
 from pix2face.errors import InputFileError, UsageError
 from pix2face.geometry.crops import FaceBox
 from pix2face.inference.checkpoint import METADATA_KEY, CheckpointHeader
-from pix2face.inference.onnx_files import INPUT_NAME, OUTPUT_NAME, export_onnx, export_parts, load_onnx, open_network
+from pix2face.inference.onnx_files import export_onnx, export_parts, load_onnx, open_network
+from pix2face.inference.onnx_networks import INPUT_NAME, OUTPUT_NAME
 from pix2face.inference.predictor import Predictor
 from pix2face.inference.torch_networks import TorchNetwork, load_checkpoint, save_checkpoint
 from pix2face.networks import SCALE_PLANE
@@ -188,27 +189,28 @@ def test_a_network_of_somebody_else_is_named(exported: Path, tmp_path: Path) -> 
     model = onnx.load(str(exported))
     del model.metadata_props[:]
     onnx.save(model, str(tmp_path / "foreign.onnx"))
-    with pytest.raises(InputFileError, match=r"foreign\.onnx: expected a network that `pix2face export` wrote"):
+    with pytest.raises(
+        InputFileError, match=r"foreign\.onnx: expected pix2face-checkpoint in the metadata, found none"
+    ):
         load_onnx(tmp_path / "foreign.onnx")
 
 
-@pytest.mark.parametrize("change", [{"size_px": 64}, {"planes": 7}, {"n_landmarks": 68}])
-def test_a_graph_that_does_not_fit_its_header_is_refused(exported: Path, tmp_path: Path, change: dict) -> None:
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"size_px": 64}, "header and weights do not make a network"),
+        ({"planes": 7}, "header and weights do not make a network"),
+        ({"n_landmarks": 68}, "header and weights do not make a network"),
+        ({"schema_version": 99}, "schema 99 is newer"),
+    ],
+)
+def test_a_header_that_does_not_fit_is_refused(exported: Path, tmp_path: Path, change: dict, message: str) -> None:
     model = onnx.load(str(exported))
     fields = json.loads(model.metadata_props[0].value) | change
     onnx.helper.set_model_props(model, {METADATA_KEY: json.dumps(fields)})
     onnx.save(model, str(tmp_path / "other.onnx"))
-    with pytest.raises(InputFileError, match=r"other\.onnx: expected a network that `pix2face export` wrote"):
+    with pytest.raises(InputFileError, match=rf"other\.onnx: .*{message}"):
         load_onnx(tmp_path / "other.onnx")
-
-
-def test_a_newer_schema_is_refused(exported: Path, tmp_path: Path) -> None:
-    model = onnx.load(str(exported))
-    fields = json.loads(model.metadata_props[0].value) | {"schema_version": 99}
-    onnx.helper.set_model_props(model, {METADATA_KEY: json.dumps(fields)})
-    onnx.save(model, str(tmp_path / "newer.onnx"))
-    with pytest.raises(InputFileError, match="schema 99 is newer"):
-        load_onnx(tmp_path / "newer.onnx")
 
 
 def test_a_full_disk_is_one_line_and_leaves_nothing(

@@ -2,7 +2,7 @@ import pytest
 import torch
 from torch import nn
 
-from pix2face.networks.dimensions import level_count
+from pix2face.networks.dimensions import paper_widths
 from pix2face.networks.paper import UNet
 
 
@@ -63,4 +63,4 @@ def test_the_norm_is_torchs_instance_norm():
 @pytest.mark.parametrize("size_px", [0, -8, 4, 100, 255])
 def test_sizes_that_cannot_be_halved_to_one_pixel_are_refused(size_px):
     with pytest.raises(ValueError, match=f"power of two.*found {size_px}"):
-        level_count(size_px)
+        paper_widths(size_px, 4)

@@ -84,11 +84,6 @@ def test_norms_of_the_innermost_blocks_are_bounded_and_no_others():
     assert bounded == {f"inner.{index}.{norm}" for index in range(3) for norm in ("first_norm", "second_norm")}
 
 
-def test_another_number_of_levels_is_refused():
-    with pytest.raises(ValueError, match="filters of 6 levels, found 2"):
-        ResidualUNet((8, 16))
-
-
 def test_landmarks_are_answered_beside_the_planes_and_change_none_of_them():
     torch.manual_seed(0)
     plain = ResidualUNet(residual_widths(4), 9).eval()

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from pix2face.inference.checkpoint import read_header
+from pix2face.inference.weight_files import read_header
 from training import train_cli
 from training.cli import main
 from training.loop.resume import METADATA_KEY, SCHEMA_VERSION
