@@ -26,10 +26,10 @@ from pix2face.shards.layers import IMAGE
 from tests.benchmarks.measuring import options_parser, write_report
 from training.data.batches import batch_row, empty_batch
 from training.data.cropping import cut, cut_around_box, resample, vary_colours
-from training.data.dataset import middle_corner
+from training.data.dataset import DrawDataset, middle_corner
 from training.data.decoded_sample import TRAINED_LAYERS, DecodedSample, decode_sample
 from training.data.halving import halved
-from training.data.loader import BatchLoader
+from training.data.loader import DrawLoader
 from training.data.shard_index import ShardIndex, index_shards
 from training.loop.loss_log import memory_mb
 from training.loop.validation import inference_crop
@@ -42,7 +42,7 @@ CACHE_BYTES = 2 * 10**9
 
 def rate_of_a_core(shards: ShardIndex, recipe: Recipe, cache_bytes: int, rounds: int) -> dict[str, float]:
     """Samples a second of processor time in this process: of the first pass, and of the best later one."""
-    loader = BatchLoader(shards, recipe, workers=0, cache_bytes=cache_bytes)
+    loader = DrawLoader(DrawDataset(shards, recipe, cache_bytes), recipe.batch_size, workers=0)
     n_batches = max(len(shards) // recipe.batch_size, 1)
     batches = loader.batches(0, (rounds + 1) * n_batches)
     rates = []
@@ -55,7 +55,7 @@ def rate_of_a_core(shards: ShardIndex, recipe: Recipe, cache_bytes: int, rounds:
 
 def rate_of_workers(shards: ShardIndex, recipe: Recipe, workers: int, rounds: int) -> int:
     """Samples a second by the clock, from worker processes that have started: the best round."""
-    loader = BatchLoader(shards, recipe, workers=workers, cache_bytes=0)
+    loader = DrawLoader(DrawDataset(shards, recipe), recipe.batch_size, workers=workers)
     n_batches = max(len(shards) // recipe.batch_size, 1)
     batches = loader.batches(0, (rounds + 1) * n_batches)
     rates = []
@@ -99,7 +99,7 @@ def stages(shards: ShardIndex, recipe: Recipe, rounds: int) -> dict[str, float]:
 
 def memory_of_many_draws(shards: ShardIndex, recipe: Recipe, draws: int) -> dict[str, float]:
     """MB that this process holds after the first pass, and after many draws more; nothing is cached."""
-    loader = BatchLoader(shards, recipe, workers=0, cache_bytes=0)
+    loader = DrawLoader(DrawDataset(shards, recipe), recipe.batch_size, workers=0)
     n_batches = max(len(shards) // recipe.batch_size, 1)
     total = max(draws // recipe.batch_size, n_batches + 1)
     batches: Iterator[object] = loader.batches(0, total)

@@ -20,14 +20,12 @@ from pix2face.networks.dimensions import correction_widths
 from pix2face.networks.residual import ResidualUNet
 from training.correction.correction_loss import CorrectionLosses
 from training.correction.fitting_network import FittingNetwork, fit_of
-from training.correction.known_faces import KnownCrops, KnownFaces
-from training.data.loader import DrawLoader
+from training.correction.known_faces import KnownCrops
 from training.data.shard_index import ShardIndex
-from training.loop.learner import Learner
 from training.loop.losses import LossPlan
-from training.loop.tasks import Surroundings, check_landmarks, draw_loader, learner_on
+from training.loop.tasks import Task, check_landmarks
 from training.recipe.correction_recipe import CorrectionRecipe
-from training.recipe.recipe import LossWeights, StepRecipe
+from training.recipe.recipe import LossWeights
 
 # Points of the face that are compared, beside its landmarks.
 SPREAD_POINTS = 128
@@ -36,7 +34,7 @@ MAP_WEIGHTS = LossWeights(offset=0.5, linear=2.0, mask=0.2, seen=0.2)
 
 
 @final
-class CorrectionTask:
+class CorrectionTask(Task):
     """The training of what corrects the fits of a network, alone or together with the network.
 
     Args:
@@ -50,6 +48,8 @@ class CorrectionTask:
             what the shards do not have.
         ModelMismatchError: The network was trained for another model than this one, or than that of the shards.
     """
+
+    recipe: CorrectionRecipe
 
     def __init__(self, shards: ShardIndex, checkpoint: Path, model: MorphableModel, recipe: CorrectionRecipe) -> None:
         recipe.check()
@@ -67,9 +67,8 @@ class CorrectionTask:
             )
         check_landmarks(shards, header.n_landmarks, "--shards", "render faces of the model of the network")
         self.header = replace(header, n_corrected=model.n_identity + model.n_expression)
-        self.recipe: StepRecipe = recipe
-        self.initial: nn.Module | None = None
-        self._own_recipe, self._network, self._shards, self._model = recipe, network, shards, model
+        self.recipe, self.initial = recipe, None
+        self._network, self._shards, self._model = network, shards, model
         vertices = np.concatenate([spread_vertices(model, SPREAD_POINTS), model.landmarks.get(IBUG68, [])]).astype(int)
         self._face = model.mean[vertices], vertex_basis(model, vertices)
         data = {
@@ -80,24 +79,24 @@ class CorrectionTask:
         }
         self.configuration = json.dumps(asdict(recipe) | data, sort_keys=True)
 
-    def new_learner(self, surroundings: Surroundings) -> Learner:
-        """The network before its first step."""
-        header, frozen = self.header, self._own_recipe.frozen
+    def new_network(self) -> FittingNetwork:
+        """The network, with a new correction unless it has one."""
+        if self._network.correction is None:
+            self._network.correction = FitCorrection(correction_widths(self.header.widths), self.header.n_corrected)
+        return FittingNetwork(self._network, self.header, fit_of(self._model), is_frozen=self.recipe.frozen)
+
+    def losses(self) -> CorrectionLosses:
+        """The losses of the corrected fits, and of the maps if the network learns."""
+        header = self.header
         maps = LossPlan(
             pncc_scale_mm=header.pncc_scale_mm, offset_scale_mm=header.offset_scale_mm, weights=MAP_WEIGHTS, over="mask"
         )
-        losses = CorrectionLosses(*self._face, None if frozen else maps)
-        return learner_on(surroundings, self.recipe, self._new_network, losses)
+        return CorrectionLosses(*self._face, None if self.recipe.frozen else maps)
 
-    def _new_network(self) -> FittingNetwork:
-        if self._network.correction is None:
-            self._network.correction = FitCorrection(correction_widths(self.header.widths), self.header.n_corrected)
-        return FittingNetwork(self._network, self.header, fit_of(self._model), is_frozen=self._own_recipe.frozen)
-
-    def new_loader(self, surroundings: Surroundings) -> DrawLoader[KnownFaces]:
-        """What brings the crops."""
-        draws = KnownCrops(self._shards, self._model, self._face, self.header, self.recipe.seed)
-        return draw_loader(draws, self.recipe.batch_size, surroundings)
+    def draws(self, cache_bytes: int) -> KnownCrops:
+        """Crops of faces."""
+        del cache_bytes  # samples are not kept
+        return KnownCrops(self._shards, self._model, self._face, self.header, self.recipe.seed)
 
     def save(self, path: Path, network: nn.Module, epochs: int, samples: int) -> None:
         """Writes the network with its correction. Epochs and samples of its header are those of the training before."""

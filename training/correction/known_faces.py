@@ -1,9 +1,8 @@
 """Crops of rendered faces whose maps, camera and coefficients are known."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
-from mmap import mmap
-from typing import Any, final
+from typing import final
 
 import cv2
 import numpy as np
@@ -19,8 +18,7 @@ from pix2face.inference.checkpoint import CheckpointHeader
 from pix2face.inference.fit_correction import centred_rows
 from pix2face.models.mirroring import mirrored_coefficients
 from pix2face.models.morphable_model import MorphableModel
-from training.data import batches
-from training.data.batches import Batch, batch_row
+from training.data.batches import Batch, Draws, Layout, TrainingBatch, batch_layout, batch_of, batch_row
 from training.data.cropping import resample, vary_colours
 from training.data.decoded_sample import decode_sample
 from training.data.draw_order import JITTER_STREAM, DrawOrder
@@ -36,7 +34,7 @@ WORSE_SHARE, NOISY_SHARE = 0.35, 0.3
 
 @final
 @dataclass(frozen=True, eq=False, kw_only=True)
-class KnownFaces:
+class KnownFaces(TrainingBatch):
     """Some crops. Places are in units of the crop's side, from its middle."""
 
     maps: Batch
@@ -45,33 +43,14 @@ class KnownFaces:
     coefficients: Float32[Tensor, "b c"]  # standard deviations, identity before expression
     points2d: Float32[Tensor, "b p 2"]  # places of some points of the face
 
-    def __len__(self) -> int:
-        return len(self.cameras)
-
     def network_input(self) -> tuple[Tensor, Tensor]:
         """What ``FittingNetwork`` takes."""
         return *self.maps.network_input(), self.in_photograph
 
-    def to(self, device: torch.device | str, *, non_blocking: bool = False) -> "KnownFaces":
-        """Returns the batch on another device."""
-        return self._each(lambda part: part.to(device, non_blocking=non_blocking))
-
-    def pin_memory(self) -> "KnownFaces":
-        """Returns the batch in pinned memory, from which a GPU copies by itself."""
-        return self._each(lambda part: part.pin_memory())
-
-    def rows(self, first: int, end: int) -> "KnownFaces":
-        """Some of the faces, not copied."""
-        own = {name: part[first:end] for name, part in vars(self).items() if name != "maps"}
-        return KnownFaces(maps=self.maps.rows(first, end), **own)
-
-    def _each(self, change: Callable[[Any], Any]) -> "KnownFaces":
-        return KnownFaces(**{name: change(part) for name, part in vars(self).items()})
-
 
 @final
-class KnownCrops:
-    """Numbered crops of rendered faces, a batch at a time.
+class KnownCrops(Draws[KnownFaces]):
+    """Numbered crops of rendered faces.
 
     Args:
         shards: Rendered faces.
@@ -104,53 +83,25 @@ class KnownCrops:
             mirror=self._mirrors is not None,
         )
 
-    def batch(self, draws: Sequence[int]) -> KnownFaces:
-        """Some faces, by their numbers from 0 without end."""
-        batch = self.empty_batch(len(draws))
-        self.fill(batch, draws)
-        return batch
+    def layout(self, n_samples: int) -> Layout:
+        """The tensors of a batch."""
+        size_px, (n_points, _, n_coefficients) = self._header.size_px, self._basis.shape
+        maps = batch_layout(n_samples, size_px, has_seen=self._shards.knows_seen, n_landmarks=self._header.n_landmarks)
+        return {
+            "cameras": (torch.float32, (n_samples, 2, 4)),
+            "coefficients": (torch.float32, (n_samples, n_coefficients)),
+            "points2d": (torch.float32, (n_samples, n_points, 2)),
+            **maps,
+            "in_photograph": (torch.uint8, (n_samples, size_px, size_px)),
+        }
 
-    def batch_bytes(self, n_samples: int) -> int:
-        """The memory that a batch takes."""
-        maps = batches.batch_bytes(n_samples, self._header.size_px, **self._of_maps)
-        return sum(self._sizes(n_samples)) + maps
+    def of_tensors(self, tensors: Mapping[str, Tensor]) -> KnownFaces:
+        """The batch that has these tensors."""
+        own = {name: tensors[name] for name in ("cameras", "coefficients", "points2d", "in_photograph")}
+        return KnownFaces(maps=batch_of({name: tensors[name] for name in tensors.keys() - own.keys()}), **own)
 
-    def empty_batch(self, n_samples: int, memory: mmap | None = None) -> KnownFaces:
-        """A batch for ``fill``."""
-        size_px, sizes = self._header.size_px, self._sizes(n_samples)
-        whole = memoryview(bytearray(self.batch_bytes(n_samples)) if memory is None else memory)
-        own = torch.frombuffer(whole[: sum(sizes)], dtype=torch.uint8)
-        cameras, coefficients, points2d, inside = torch.split_with_sizes(own, sizes)
-        return KnownFaces(
-            maps=batches.empty_batch(n_samples, size_px, memory=whole[sum(sizes) :], **self._of_maps),
-            in_photograph=inside.view(n_samples, size_px, size_px),
-            cameras=cameras.view(torch.float32).view(n_samples, 2, 4),
-            coefficients=coefficients.view(torch.float32).view(n_samples, -1),
-            points2d=points2d.view(torch.float32).view(n_samples, -1, 2),
-        )
-
-    def fill(self, batch: KnownFaces, draws: Sequence[int]) -> None:
-        """Fills a batch.
-
-        Raises:
-            InputFileError: A sample is damaged.
-        """
-        for place, draw in enumerate(draws):
-            self._fill_row(batch.rows(place, place + 1), draw)
-
-    @property
-    def _of_maps(self) -> dict[str, Any]:
-        return {"has_seen": self._shards.knows_seen, "n_landmarks": self._header.n_landmarks}
-
-    def _sizes(self, n_faces: int) -> list[int]:
-        """Bytes of each part but the maps, numbers of four bytes first."""
-        n_points, _, n_coefficients = self._basis.shape
-        return [4 * n_faces * count for count in (8, n_coefficients, 2 * n_points)] + [
-            n_faces * self._header.size_px**2
-        ]
-
-    def _fill_row(self, row: KnownFaces, draw: int) -> None:
-        """The crop of a draw. It depends only on the seed and on the number of the draw."""
+    def fill_row(self, batch: KnownFaces, place: int, draw: int) -> None:
+        """Fills a row with the crop of a draw. It depends only on the seed and on the number of the draw."""
         number, size_px = self._order.sample_of(draw), self._header.size_px
         reader, position = self._shards.readers[self._shards.shard[number]], int(self._shards.position[number])
         # The checksum is compared when a sample is read for the first time.
@@ -160,7 +111,7 @@ class KnownCrops:
         rng = np.random.default_rng([JITTER_STREAM, self._seed, draw])
         jitter = draw_jitter(rng, self._limits)
         crop = jitter_crop(FaceBox.around(sample.landmarks2d), jitter, size_px)
-        pixels = batch_row(row.maps, 0)
+        pixels = batch_row(batch.maps, place)
         resample(sample, crop, pixels)
         vary_colours(pixels.image, jitter)
         make_worse(pixels.image, rng)
@@ -172,13 +123,13 @@ class KnownCrops:
         coefficients = np.concatenate([identity, expression])
         inside = pixels_in_image(crop, sample.image.shape[:2])
         values = (
-            (row.cameras, centred_rows(linearised(camera), size_px)),
-            (row.coefficients, coefficients),
-            (row.points2d, camera.project(self._mean + self._basis @ coefficients) / size_px - 0.5),
-            (row.in_photograph, np.ones((size_px, size_px), bool) if inside is None else inside),
+            (batch.cameras, centred_rows(linearised(camera), size_px)),
+            (batch.coefficients, coefficients),
+            (batch.points2d, camera.project(self._mean + self._basis @ coefficients) / size_px - 0.5),
+            (batch.in_photograph, np.ones((size_px, size_px), bool) if inside is None else inside),
         )
         for stored, value in values:
-            stored[0] = torch.from_numpy(np.asarray(value))
+            stored[place] = torch.from_numpy(np.asarray(value))
 
 
 def make_worse(image: UInt8[ndarray, "s s 3"], rng: np.random.Generator) -> None:

@@ -5,10 +5,12 @@ Channels are last in memory (``torch.channels_last``), as in files and as convol
 transposed on the way.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from mmap import mmap
-from typing import Any, Protocol, final, runtime_checkable
+from typing import Any, Generic, TypeVar, final
 
 import torch
 from jaxtyping import Float32, Int16, UInt8
@@ -18,14 +20,90 @@ from pix2face.geometry.maps import FIXED_POINT_STEPS_PER_MM
 from training.data.decoded_sample import DecodedSample
 
 LARGEST_BYTE = 255
-# Three planes each of a picture (bytes), PNCC and offset (two bytes), and the mask.
-_BYTES_A_PIXEL = 3 + 6 + 6 + 1
-_BYTES_A_LANDMARK = 8
+# Type and shape of tensors by name, in the order in which they lie in memory: larger types first.
+Layout = Mapping[str, tuple[torch.dtype, tuple[int, ...]]]
+
+B = TypeVar("B", bound="TrainingBatch")
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class TrainingBatch(ABC):
+    """Some samples: a dataclass whose fields are tensors, batches or None."""
+
+    @abstractmethod
+    def network_input(self) -> tuple[Any, ...]:
+        """The arguments of the network."""
+
+    def __len__(self) -> int:
+        return len(next(iter(vars(self).values())))
+
+    def __getitem__(self: B, rows: slice) -> B:
+        """Some of the samples, not copied."""
+        return self._each(lambda part: part[rows])
+
+    def to(self: B, device: torch.device | str, *, non_blocking: bool = False) -> B:
+        """Returns the batch on another device."""
+        return self._each(lambda part: part.to(device, non_blocking=non_blocking))
+
+    def pin_memory(self: B) -> B:
+        """Returns the batch in pinned memory, from which a GPU copies by itself."""
+        return self._each(lambda part: part.pin_memory())
+
+    def _each(self: B, change: Callable[[Any], Any]) -> B:
+        return replace(self, **{name: None if part is None else change(part) for name, part in vars(self).items()})
+
+
+class Draws(ABC, Generic[B]):
+    """Numbered draws, a batch at a time: what processes can load. It is copied to each of them."""
+
+    @abstractmethod
+    def layout(self, n_samples: int) -> Layout:
+        """The tensors of a batch."""
+
+    @abstractmethod
+    def of_tensors(self, tensors: Mapping[str, Tensor]) -> B:
+        """The batch that has these tensors."""
+
+    @abstractmethod
+    def fill_row(self, batch: B, place: int, draw: int) -> None:
+        """Fills a row of a batch, which is full of 0.
+
+        Raises:
+            InputFileError: A sample is damaged.
+            UsageError: A picture is too small to be cut from.
+        """
+
+    def batch(self, draws: Sequence[int], memory: mmap | None = None) -> B:
+        """Some draws, by their numbers from 0 without end; in memory of the size of their layout, or in new memory.
+
+        Raises:
+            InputFileError: A sample is damaged.
+            UsageError: A picture is too small to be cut from.
+        """
+        batch = self.of_tensors(tensors_in(self.layout(len(draws)), memory))
+        for place, draw in enumerate(draws):
+            self.fill_row(batch, place, draw)
+        return batch
+
+
+def layout_bytes(layout: Layout) -> int:
+    """The memory that tensors take."""
+    return sum(dtype.itemsize * math.prod(shape) for dtype, shape in layout.values())
+
+
+def tensors_in(layout: Layout, memory: mmap | None = None) -> dict[str, Tensor]:
+    """Tensors in memory of ``layout_bytes``, with what lies there; None takes new memory, full of 0."""
+    sizes = [dtype.itemsize * math.prod(shape) for dtype, shape in layout.values()]
+    whole = (
+        torch.zeros(sum(sizes), dtype=torch.uint8) if memory is None else torch.frombuffer(memory, dtype=torch.uint8)
+    )
+    parts = zip(layout.items(), torch.split_with_sizes(whole, sizes), strict=True)
+    return {name: part.view(dtype).view(shape) for (name, (dtype, shape)), part in parts}
 
 
 @final
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Batch:
+class Batch(TrainingBatch):
     """Some samples."""
 
     image: UInt8[Tensor, "b 3 s s"]  # RGB
@@ -35,53 +113,9 @@ class Batch:
     seen: UInt8[Tensor, "b s s"] | None  # 1 where the picture shows the face; None if a set does not know
     landmarks2d: Float32[Tensor, "b n 2"]  # px, seen or hidden; n is 0 where they are not trained on
 
-    def __len__(self) -> int:
-        return len(self.image)
-
     def network_input(self) -> tuple[Float32[Tensor, "b 3 s s"]]:
         """The pictures, as the network takes them."""
         return (as_input(self.image),)
-
-    def to(self, device: torch.device | str, *, non_blocking: bool = False) -> "Batch":
-        """Returns the batch on another device."""
-        return self._each(lambda tensor: tensor.to(device, non_blocking=non_blocking))
-
-    def pin_memory(self) -> "Batch":
-        """Returns the batch in pinned memory, from which a GPU copies by itself."""
-        return self._each(lambda tensor: tensor.pin_memory())
-
-    def rows(self, first: int, end: int) -> "Batch":
-        """Some of the samples, not copied."""
-        return self._each(lambda tensor: tensor[first:end])
-
-    def _each(self, change: Callable[[Tensor], Tensor]) -> "Batch":
-        return Batch(
-            image=change(self.image),
-            pncc=change(self.pncc),
-            offset=change(self.offset),
-            mask=change(self.mask),
-            seen=None if self.seen is None else change(self.seen),
-            landmarks2d=change(self.landmarks2d),
-        )
-
-
-@runtime_checkable
-class TrainingBatch(Protocol):
-    """What the trainer needs to know of a batch."""
-
-    def __len__(self) -> int: ...
-
-    def network_input(self) -> tuple[Any, ...]:
-        """The arguments of the network."""
-
-    def to(self, device: torch.device | str, *, non_blocking: bool = False) -> "TrainingBatch":
-        """Returns the batch on another device."""
-
-    def pin_memory(self) -> "TrainingBatch":
-        """Returns the batch in pinned memory."""
-
-    def rows(self, first: int, end: int) -> "TrainingBatch":
-        """Some of the samples, not copied."""
 
 
 def as_input(image: UInt8[Tensor, "b 3 h w"]) -> Float32[Tensor, "b 3 h w"]:
@@ -96,41 +130,30 @@ def target_planes(batch: Batch, pncc_scale_mm: float, offset_scale_mm: float) ->
     return planes.div_((scales_mm * FIXED_POINT_STEPS_PER_MM)[:, None, None])
 
 
-def batch_bytes(n_samples: int, size_px: int, *, has_seen: bool, n_landmarks: int = 0) -> int:
-    """The memory that a batch takes."""
-    return n_samples * (size_px**2 * (_BYTES_A_PIXEL + has_seen) + n_landmarks * _BYTES_A_LANDMARK)
+def batch_layout(n_samples: int, size_px: int, *, has_seen: bool, n_landmarks: int = 0) -> Layout:
+    """The tensors of a batch of pictures of a size, each with so many landmarks."""
+    square = (n_samples, size_px, size_px)
+    layout: Layout = {
+        "landmarks2d": (torch.float32, (n_samples, n_landmarks, 2)),
+        "pncc": (torch.int16, (*square, 3)),
+        "offset": (torch.int16, (*square, 3)),
+        "image": (torch.uint8, (*square, 3)),
+        "mask": (torch.uint8, square),
+    }
+    return {**layout, "seen": (torch.uint8, square)} if has_seen else layout
 
 
-def empty_batch(
-    n_samples: int, size_px: int, *, has_seen: bool, n_landmarks: int = 0, memory: mmap | memoryview | None = None
-) -> Batch:
-    """A batch full of 0, channels last in memory.
+def batch_of(tensors: Mapping[str, Tensor]) -> Batch:
+    """The batch that has the tensors of ``batch_layout``: channels last in memory."""
+    parts: dict[str, Any] = {"seen": None, **tensors}
+    for name in ("image", "pncc", "offset"):
+        parts[name] = tensors[name].permute(0, 3, 1, 2)
+    return Batch(**parts)
 
-    Args:
-        n_samples: At least 1.
-        size_px: Side of the pictures.
-        has_seen: Whether it has ``seen``.
-        n_landmarks: How many landmarks each sample has.
-        memory: Where it lies, of ``batch_bytes``, which may hold another batch already; None takes new memory.
-    """
-    n_bytes = batch_bytes(n_samples, size_px, has_seen=has_seen, n_landmarks=n_landmarks)
-    content = torch.zeros(n_bytes, dtype=torch.uint8) if memory is None else torch.frombuffer(memory, dtype=torch.uint8)
-    pixels = n_samples * size_px**2
-    of_landmarks = n_samples * n_landmarks * _BYTES_A_LANDMARK
-    sizes = [of_landmarks, 6 * pixels, 6 * pixels, 3 * pixels, pixels, has_seen * pixels]
-    landmarks, pncc, offset, image, mask, seen = torch.split_with_sizes(content, sizes)
 
-    def planes(values: Tensor) -> Tensor:
-        return values.view(n_samples, size_px, size_px, 3).permute(0, 3, 1, 2)
-
-    return Batch(
-        image=planes(image),
-        pncc=planes(pncc.view(torch.int16)),
-        offset=planes(offset.view(torch.int16)),
-        mask=mask.view(n_samples, size_px, size_px),
-        seen=seen.view(n_samples, size_px, size_px) if has_seen else None,
-        landmarks2d=landmarks.view(torch.float32).view(n_samples, n_landmarks, 2),
-    )
+def empty_batch(n_samples: int, size_px: int, *, has_seen: bool) -> Batch:
+    """A batch full of 0, without landmarks."""
+    return batch_of(tensors_in(batch_layout(n_samples, size_px, has_seen=has_seen)))
 
 
 def batch_row(batch: Batch, place: int) -> DecodedSample:

@@ -4,16 +4,16 @@ The sample of draw n and its jitter depend only on the seed and on n, not on the
 a training was interrupted.
 """
 
-from collections.abc import Sequence
-from mmap import mmap
+from collections.abc import Mapping
 from typing import final
 
 import numpy as np
+from torch import Tensor
 
 from pix2face.errors import DegenerateGeometryError, InputFileError, UsageError
 from pix2face.geometry.crops import FaceBox
 from pix2face.geometry.jitter import draw_jitter, jitter_crop
-from training.data.batches import Batch, batch_bytes, batch_row, empty_batch
+from training.data.batches import Batch, Draws, Layout, batch_layout, batch_of, batch_row
 from training.data.cropping import cut, cut_around_box, resample, vary_colours
 from training.data.decoded_sample import DecodedSample, decode_sample
 from training.data.draw_order import JITTER_STREAM, DrawOrder
@@ -24,52 +24,30 @@ from training.recipe.recipe import Recipe
 
 
 @final
-class DrawDataset:
-    """Numbered draws from shards, a batch at a time. The cache keeps decoded samples for this process and others."""
+class DrawDataset(Draws[Batch]):
+    """Numbered draws from shards. ``cache_bytes`` is for decoded samples, for all processes that load together."""
 
-    def __init__(self, shards: ShardIndex, recipe: Recipe, cache: SharedCache | None = None) -> None:
-        self._recipe = recipe
-        self._size_px, self._n_landmarks, self._has_seen = recipe.size_px, recipe.n_landmarks, shards.knows_seen
+    def __init__(self, shards: ShardIndex, recipe: Recipe, cache_bytes: int = 0) -> None:
+        self._recipe, self._has_seen = recipe, shards.knows_seen
         self._order = DrawOrder(shards.sets, recipe.seed)
-        self._samples = SampleStore(shards, recipe, cache)
+        self._samples = SampleStore(shards, recipe, cache_bytes)
 
     def __getitem__(self, draw: int) -> Batch:
         """One draw, as a batch of one."""
         return self.batch([draw])
 
-    def batch(self, draws: Sequence[int]) -> Batch:
-        """Some draws, by their numbers from 0 without end.
-
-        Raises:
-            InputFileError: A sample is damaged.
-            UsageError: A picture is too small to be cut from.
-        """
-        batch = self.empty_batch(len(draws))
-        self.fill(batch, draws)
-        return batch
-
-    def empty_batch(self, n_samples: int, memory: mmap | None = None) -> Batch:
-        """A batch for ``fill`` (see `batches.empty_batch`)."""
-        return empty_batch(
-            n_samples, self._size_px, has_seen=self._has_seen, n_landmarks=self._n_landmarks, memory=memory
-        )
-
-    def batch_bytes(self, n_samples: int) -> int:
-        """The memory that a batch takes."""
-        return batch_bytes(n_samples, self._size_px, has_seen=self._has_seen, n_landmarks=self._n_landmarks)
-
-    def fill(self, batch: Batch, draws: Sequence[int]) -> None:
-        """Fills a batch, which is full of 0 and has a row for each draw.
-
-        Raises:
-            InputFileError: A sample is damaged.
-            UsageError: A picture is too small to be cut from.
-        """
-        for place, draw in enumerate(draws):
-            self._fill_row(batch_row(batch, place), draw)
-
-    def _fill_row(self, row: DecodedSample, draw: int) -> None:
+    def layout(self, n_samples: int) -> Layout:
+        """The tensors of a batch."""
         recipe = self._recipe
+        return batch_layout(n_samples, recipe.size_px, has_seen=self._has_seen, n_landmarks=recipe.n_landmarks)
+
+    def of_tensors(self, tensors: Mapping[str, Tensor]) -> Batch:
+        """The batch that has these tensors."""
+        return batch_of(tensors)
+
+    def fill_row(self, batch: Batch, place: int, draw: int) -> None:
+        """Fills a row of a batch."""
+        recipe, row = self._recipe, batch_row(batch, place)
         sample = self._samples.get(self._order.sample_of(draw))
         rng = np.random.default_rng([JITTER_STREAM, recipe.seed, draw])
         jitter = draw_jitter(rng, recipe.jitter)
@@ -100,8 +78,9 @@ class SampleStore:
     of ``size_px`` from them, so samples of at least twice this size are halved.
     """
 
-    def __init__(self, shards: ShardIndex, recipe: Recipe, cache: SharedCache | None = None) -> None:
-        self._shards, self._recipe, self._cache = shards, recipe, cache
+    def __init__(self, shards: ShardIndex, recipe: Recipe, cache_bytes: int = 0) -> None:
+        self._shards, self._recipe = shards, recipe
+        self._cache = SharedCache(len(shards.shard), cache_bytes) if cache_bytes else None
         self._checked: set[int] = set()
 
     def get(self, number: int) -> DecodedSample:

@@ -8,7 +8,6 @@ import numpy as np
 from jaxtyping import Int64
 from numpy import ndarray
 
-from pix2face.errors import UsageError
 from training.data.shard_index import SampleSet
 
 # First word of the seeds of the two independent random streams.
@@ -56,33 +55,22 @@ class DrawOrder:
         return known[1]
 
 
-@final
-class DrawBatches:
-    """The part of one machine in batches of consecutive draws.
+def draws_of_batches(
+    first_draw: int, n_batches: int, batch_size: int, rank: int = 0, n_ranks: int = 1
+) -> Iterator[list[int]]:
+    """The part of one machine in each of some batches of consecutive draws, from a draw of the whole training on.
 
     Args:
+        first_draw: Of the first batch.
+        n_batches: Number of batches.
         batch_size: Draws of a batch, over all machines.
         rank: Number of this machine, from 0.
-        n_ranks: Number of machines.
-
-    Raises:
-        UsageError: A batch cannot be divided among them.
+        n_ranks: Number of machines, which divides the batch.
     """
-
-    def __init__(self, batch_size: int, rank: int = 0, n_ranks: int = 1) -> None:
-        if batch_size % n_ranks:
-            raise UsageError(
-                f"expected batches that {n_ranks} processes can share, found {batch_size} pictures a batch; give a "
-                f"multiple of {n_ranks}"
-            )
-        self._batch_size, self._rank, self._n_ranks = batch_size, rank, n_ranks
-
-    def plan(self, first_draw: int, n_batches: int) -> Iterator[list[int]]:
-        """The draws of each of this number of batches, from a draw of the whole training on."""
-        own = self._batch_size // self._n_ranks
-        for batch in range(n_batches):
-            first = first_draw + batch * self._batch_size + self._rank * own
-            yield list(range(first, first + own))
+    own = batch_size // n_ranks
+    for batch in range(n_batches):
+        first = first_draw + batch * batch_size + rank * own
+        yield list(range(first, first + own))
 
 
 def _drawn(n: int, share: Fraction) -> int:

@@ -6,15 +6,13 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from typing import Generic, final
 
-from training.data.batches import Batch
-from training.data.dataset import DrawDataset
-from training.data.draw_order import DrawBatches
-from training.data.loading_processes import B, Draws, LoadingProcesses
-from training.data.shard_index import ShardIndex
-from training.data.shared_cache import SharedCache
-from training.recipe.recipe import Recipe
+from pix2face.errors import UsageError
+from training.data.batches import B, Draws
+from training.data.draw_order import draws_of_batches
+from training.data.loading_processes import LoadingProcesses
 
 
+@final
 class DrawLoader(Generic[B]):
     """Loads the batches of a training.
 
@@ -43,9 +41,13 @@ class DrawLoader(Generic[B]):
         rank: int = 0,
         n_ranks: int = 1,
     ) -> None:
+        if batch_size % n_ranks:
+            raise UsageError(
+                f"expected batches that {n_ranks} processes can share, found {batch_size} pictures a batch; give a "
+                f"multiple of {n_ranks}"
+            )
         self.wait_seconds = 0.0
-        self._draws = DrawBatches(batch_size, rank, n_ranks)
-        self._dataset = draws
+        self._draws, self._batch_size, self._rank, self._n_ranks = draws, batch_size, rank, n_ranks
         self._workers, self._pin_memory = workers, pin_memory
 
     def batches(self, first_draw: int, n_batches: int) -> Generator[B, None, None]:
@@ -66,35 +68,15 @@ class DrawLoader(Generic[B]):
                 began = time.perf_counter()
 
     def _loaded(self, first_draw: int, n_batches: int) -> Generator[B, None, None]:
-        draws = self._draws.plan(first_draw, n_batches)
+        draws = draws_of_batches(first_draw, n_batches, self._batch_size, self._rank, self._n_ranks)
         if not self._workers or not n_batches:
-            yield from map(self._dataset.batch, draws)
+            yield from map(self._draws.batch, draws)
             return
-        processes = LoadingProcesses(self._dataset, self._workers)
+        processes = LoadingProcesses(self._draws, self._workers)
         try:
             yield from processes.batches(draws)
         finally:
             processes.end()
-
-
-@final
-class BatchLoader(DrawLoader[Batch]):
-    """Loads crops of the samples of shards, as a recipe has them; ``cache_bytes`` is for all workers together."""
-
-    def __init__(
-        self,
-        shards: ShardIndex,
-        recipe: Recipe,
-        *,
-        workers: int,
-        cache_bytes: int,
-        pin_memory: bool = False,
-        rank: int = 0,
-        n_ranks: int = 1,
-    ) -> None:
-        cache = SharedCache(len(shards.shard), cache_bytes) if cache_bytes else None
-        draws = DrawDataset(shards, recipe, cache)
-        super().__init__(draws, recipe.batch_size, workers=workers, pin_memory=pin_memory, rank=rank, n_ranks=n_ranks)
 
 
 def _pinned(batches: Iterator[B]) -> Iterator[B]:
@@ -102,7 +84,7 @@ def _pinned(batches: Iterator[B]) -> Iterator[B]:
 
     def following() -> B | None:
         batch = next(batches, None)
-        return None if batch is None else batch.pin_memory()  # type: ignore[return-value] # of the same kind
+        return None if batch is None else batch.pin_memory()
 
     with ThreadPoolExecutor(1) as thread:
         coming = thread.submit(following)

@@ -16,37 +16,17 @@ from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from multiprocessing.reduction import recv_handle, send_handle
 from multiprocessing.util import Finalize
-from typing import Generic, Protocol, TypeVar, final, runtime_checkable
+from typing import Generic, final
 
 import cv2
 
 from pix2face.errors import Pix2FaceError
 from pix2face.stop_signals import signals_blocked
-from training.data.batches import TrainingBatch
+from training.data.batches import B, Draws, layout_bytes, tensors_in
 from training.data.shared_cache import anonymous_file
 
 # Batches that each process has ready or in work: enough to bridge the writing of a checkpoint.
 PREFETCHED = 4
-
-
-B = TypeVar("B", bound=TrainingBatch)
-
-
-@runtime_checkable
-class Draws(Protocol[B]):
-    """Numbered draws, a batch at a time: what processes can load. It is copied to each of them."""
-
-    def batch(self, draws: Sequence[int]) -> B:
-        """Some draws, by their numbers from 0 without end."""
-
-    def batch_bytes(self, n_samples: int) -> int:
-        """The memory that a batch takes."""
-
-    def empty_batch(self, n_samples: int, memory: mmap.mmap | None = None) -> B:
-        """A batch in this memory, which may hold one already; None takes new memory."""
-
-    def fill(self, batch: B, draws: Sequence[int]) -> None:
-        """Fills a batch, which is full of 0 and has a row for each draw."""
 
 
 @final
@@ -108,7 +88,8 @@ class LoadingProcesses(Generic[B]):
                 error = pipe.recv()
                 if error is not None:
                     raise error
-                return self._dataset.empty_batch(n_samples, _mapped(recv_handle(pipe)))
+                memory = _mapped(recv_handle(pipe))
+                return self._dataset.of_tensors(tensors_in(self._dataset.layout(n_samples), memory))
         except (EOFError, ConnectionResetError):
             pass
         raise Pix2FaceError(_reason(self._processes))
@@ -121,8 +102,8 @@ def _serve(pipe: Connection, dataset: Draws[B]) -> None:
         while True:
             draws = pipe.recv()
             try:
-                memory = anonymous_file(dataset.batch_bytes(len(draws)))
-                dataset.fill(dataset.empty_batch(len(draws), _mapped(os.dup(memory))), draws)
+                memory = anonymous_file(layout_bytes(dataset.layout(len(draws))))
+                dataset.batch(draws, _mapped(os.dup(memory)))
             except Exception as error:  # noqa: BLE001 (whatever it is, the trainer is to say it)
                 pipe.send(error)
                 continue

@@ -4,9 +4,8 @@ Sources: Law and Deng 2018, CornerNet, Eq. 1 (focal loss that is reduced near a 
 Points.
 """
 
-from collections.abc import Callable
+from collections.abc import Mapping
 from dataclasses import dataclass
-from mmap import mmap
 from typing import final
 
 import numpy as np
@@ -17,18 +16,17 @@ from torch import Tensor
 from torch.nn import functional
 
 from pix2face.networks.dimensions import CENTRE_STRIDE
-from training.data.batches import as_input
+from training.data.batches import Layout, TrainingBatch, as_input
 from training.detection.scenes import Scene, counted_boxes
 
 # Standard deviation of the heat around a centre, as a share of the box; at least so many cells.
 SPREAD, LEAST_SPREAD = 0.09, 0.45
 BOXED_HEAT = 0.5  # cells with more heat learn the box
-_BYTES_A_CELL = 4 + 16 + 1  # heat, box, and whether the cell is looked at
 
 
 @final
 @dataclass(frozen=True, eq=False, kw_only=True)
-class SceneBatch:
+class SceneBatch(TrainingBatch):
     """Scenes, and what the network should answer for each of their cells."""
 
     image: UInt8[Tensor, "b 3 h w"]  # RGB, channels last in memory
@@ -36,49 +34,25 @@ class SceneBatch:
     boxes: Float32[Tensor, "b 4 y x"]  # as the network's last four planes, where heat is above BOXED_HEAT
     is_looked_at: Bool[Tensor, "b y x"]  # where the heat counts
 
-    def __len__(self) -> int:
-        return len(self.image)
-
     def network_input(self) -> tuple[Float32[Tensor, "b 3 h w"]]:
         """The pictures, as the network takes them."""
         return (as_input(self.image),)
 
-    def to(self, device: torch.device | str, *, non_blocking: bool = False) -> "SceneBatch":
-        """Returns the batch on another device."""
-        return self._each(lambda tensor: tensor.to(device, non_blocking=non_blocking))
 
-    def pin_memory(self) -> "SceneBatch":
-        """Returns the batch in pinned memory, from which a GPU copies by itself."""
-        return self._each(lambda tensor: tensor.pin_memory())
-
-    def rows(self, first: int, end: int) -> "SceneBatch":
-        """Some of the scenes, not copied."""
-        return self._each(lambda tensor: tensor[first:end])
-
-    def _each(self, change: Callable[[Tensor], Tensor]) -> "SceneBatch":
-        return SceneBatch(**{name: change(tensor) for name, tensor in vars(self).items()})
-
-
-def batch_bytes(n_scenes: int, size_px: int) -> int:
-    """The memory that a batch takes."""
-    return n_scenes * (3 * size_px**2 + _BYTES_A_CELL * (size_px // CENTRE_STRIDE) ** 2)
-
-
-def empty_batch(n_scenes: int, size_px: int, memory: mmap | None = None) -> SceneBatch:
-    """A batch in some memory of ``batch_bytes``, which may hold a batch already; None takes new memory, full of 0."""
-    n_bytes = batch_bytes(n_scenes, size_px)
-    content = torch.zeros(n_bytes, dtype=torch.uint8) if memory is None else torch.frombuffer(memory, dtype=torch.uint8)
+def scene_layout(n_scenes: int, size_px: int) -> Layout:
+    """The tensors of a batch."""
     side = size_px // CENTRE_STRIDE
-    cells = n_scenes * side**2
-    heat, boxes, image, looked = torch.split_with_sizes(
-        content, [4 * cells, 16 * cells, 3 * n_scenes * size_px**2, cells]
-    )
-    return SceneBatch(
-        image=image.view(n_scenes, size_px, size_px, 3).permute(0, 3, 1, 2),
-        heat=heat.view(torch.float32).view(n_scenes, side, side),
-        boxes=boxes.view(torch.float32).view(n_scenes, 4, side, side),
-        is_looked_at=looked.view(torch.bool).view(n_scenes, side, side),
-    )
+    return {
+        "heat": (torch.float32, (n_scenes, side, side)),
+        "boxes": (torch.float32, (n_scenes, 4, side, side)),
+        "image": (torch.uint8, (n_scenes, size_px, size_px, 3)),
+        "is_looked_at": (torch.bool, (n_scenes, side, side)),
+    }
+
+
+def scenes_of(tensors: Mapping[str, Tensor]) -> SceneBatch:
+    """The batch that has the tensors of ``scene_layout``."""
+    return SceneBatch(**{**tensors, "image": tensors["image"].permute(0, 3, 1, 2)})
 
 
 def fill_row(batch: SceneBatch, place: int, scene: Scene) -> None:
@@ -124,28 +98,24 @@ class CentreLosses:
     box_weight: float
 
     def parts(self, planes: Float[Tensor, "b 5 y x"], batch: SceneBatch) -> dict[str, Float[Tensor, ""]]:
-        """Each part of the loss by its name, unweighted."""
-        return centre_losses(planes.float(), batch)
+        """Each part of the loss by its name, unweighted: a sum over cells, divided by the number of faces."""
+        planes = planes.float()
+        logits = planes[:, 0]
+        is_centre = batch.heat == 1
+        n_faces = is_centre.sum().clamp(min=1)
+        probability = torch.sigmoid(logits)
+        found = -functional.logsigmoid(logits) * (1 - probability) ** 2
+        left = -functional.logsigmoid(-logits) * probability**2 * (1 - batch.heat) ** 4
+        heat = (torch.where(is_centre, found, left) * batch.is_looked_at).sum() / n_faces
+        weight = batch.heat * (batch.heat > BOXED_HEAT)
+        size = batch.boxes[:, 2:].exp()
+        shift = (planes[:, 1:3] - batch.boxes[:, :2]).abs() / size
+        extent = (planes[:, 3:] - batch.boxes[:, 2:]).abs()
+        # A small mistake costs what it takes of the overlap of the boxes, to first order; a large one not much more.
+        per_cell = (2 * shift + extent).clamp(max=4).sum(dim=1)
+        box = (per_cell * weight).sum() / weight.sum().clamp(min=1)
+        return {"heat": heat, "box": box}
 
     def total(self, parts: dict[str, Float[Tensor, ""]]) -> Float[Tensor, ""]:
         """What is minimised."""
         return parts["heat"] + self.box_weight * parts["box"]
-
-
-def centre_losses(planes: Float[Tensor, "b 5 y x"], batch: SceneBatch) -> dict[str, Float[Tensor, ""]]:
-    """The parts of the loss by name, unweighted: each a sum over cells, divided by the number of faces."""
-    logits = planes[:, 0]
-    is_centre = batch.heat == 1
-    n_faces = is_centre.sum().clamp(min=1)
-    probability = torch.sigmoid(logits)
-    found = -functional.logsigmoid(logits) * (1 - probability) ** 2
-    left = -functional.logsigmoid(-logits) * probability**2 * (1 - batch.heat) ** 4
-    heat = (torch.where(is_centre, found, left) * batch.is_looked_at).sum() / n_faces
-    weight = batch.heat * (batch.heat > BOXED_HEAT)
-    size = batch.boxes[:, 2:].exp()
-    shift = (planes[:, 1:3] - batch.boxes[:, :2]).abs() / size
-    extent = (planes[:, 3:] - batch.boxes[:, 2:]).abs()
-    # A small mistake costs what it takes of the overlap of the boxes, to first order; a large one not much more.
-    per_cell = (2 * shift + extent).clamp(max=4).sum(dim=1)
-    box = (per_cell * weight).sum() / weight.sum().clamp(min=1)
-    return {"heat": heat, "box": box}

@@ -210,7 +210,7 @@ class Learner:
 
     def _parts(self, batch: TrainingBatch) -> list[TrainingBatch]:
         size = len(batch) // self._recipe.parts
-        return [batch.rows(first, first + size) for first in range(0, len(batch), size)]
+        return [batch[first : first + size] for first in range(0, len(batch), size)]
 
     def _rate(self) -> float:
         recipe = self._recipe

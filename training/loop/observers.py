@@ -2,10 +2,11 @@
 
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import Any, Protocol, final, runtime_checkable
+from typing import Any, final
 
 import torch
 from jaxtyping import Float32
@@ -25,16 +26,24 @@ SMOOTHING = 0.05
 N_FACES = 8
 
 
-@runtime_checkable
-class RunLog(Protocol):
-    """What shows the curves of a training."""
+class RunLog(ABC):
+    """What shows the curves of a training: losses every 50 steps, and the scores of each validation."""
 
     def step(self, report: StepReport) -> None:
-        """Takes a step."""
+        """Takes a step; every 50th is logged."""
+        if report.step % STEPS_A_LINE == 0:
+            losses = {f"loss/{name}": value for name, value in {"total": report.loss, **report.parts}.items()}
+            self.log({**losses, "learning rate": report.learning_rate}, report.samples)
 
     def scores(self, samples: int, scores: Scores, network: nn.Module) -> None:
         """Takes the scores of a validation, and the network that has them."""
+        self.log({f"validation/{name}": value for name, value in scores.as_numbers().items()}, samples)
 
+    @abstractmethod
+    def log(self, values: Mapping[str, float], samples: int) -> None:
+        """Logs values by name, after so many samples."""
+
+    @abstractmethod
     def close(self) -> None:
         """Writes the rest."""
 
@@ -90,8 +99,8 @@ class _Progress:
 
 
 @final
-class TensorboardLog:
-    """Writes losses every 50 steps, and at each validation scores and pictures of faces of the validator.
+class TensorboardLog(RunLog):
+    """Writes curves, and at each validation pictures of faces of the validator.
 
     Raises:
         UsageError: TensorBoard is not installed.
@@ -110,24 +119,20 @@ class TensorboardLog:
         with naming_failed_writes(folder):
             self._writer: Any = SummaryWriter(str(folder))
 
-    def step(self, report: StepReport) -> None:
-        """Takes a step; every 50th is written."""
-        if report.step % STEPS_A_LINE:
-            return
-        with naming_failed_writes(self._folder):
-            for name, value in {"total": report.loss, **report.parts}.items():
-                self._writer.add_scalar(f"loss/{name}", value, report.samples)
-            self._writer.add_scalar("learning rate", report.learning_rate, report.samples)
-
     def scores(self, samples: int, scores: Scores, network: nn.Module) -> None:
         """Writes the scores of a validation, and pictures by the network."""
+        super().scores(samples, scores, network)
         with naming_failed_writes(self._folder):
-            for name, value in scores.as_numbers().items():
-                self._writer.add_scalar(f"validation/{name}", value, samples)
             if self._validator:
                 pictures = prediction_pictures(network, self._validator)
                 self._writer.add_image("picture, PNCC, truth, offset, truth, mask", pictures, samples)
             self._writer.flush()
+
+    def log(self, values: Mapping[str, float], samples: int) -> None:
+        """Writes values."""
+        with naming_failed_writes(self._folder):
+            for name, value in values.items():
+                self._writer.add_scalar(name, value, samples)
 
     def close(self) -> None:
         """Writes the rest."""
@@ -148,7 +153,7 @@ def prediction_pictures(network: nn.Module, validator: Validator) -> Float32[Ten
 
     x, y, z are red, green, blue, from minus one scale to one; grey is 0.
     """
-    batch = validator.first_batch().rows(0, N_FACES)
+    batch = validator.first_batch()[:N_FACES]
     device = next(network.parameters()).device
     was_training = network.training
     network.eval()

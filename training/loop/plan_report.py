@@ -12,7 +12,7 @@ from pix2face.inference import CHECKPOINT_NAME
 from training.data.shard_index import ShardIndex
 from training.loop.learner import computed_precision
 from training.loop.loss_log import memory_mb
-from training.loop.tasks import Surroundings, check_plan, new_learner, new_loader
+from training.loop.tasks import MapTask, Surroundings, check_plan
 from training.recipe.recipe import Recipe
 
 # Of a dry run. The first step warms up; the others are timed.
@@ -44,10 +44,10 @@ def dry_run(shards: ShardIndex, recipe: Recipe, surroundings: Surroundings) -> l
         Pix2FaceError: The loss is not finite.
     """
     check_plan(shards, recipe, surroundings.processes)
-    began = time.perf_counter()
-    batch = next(new_loader(shards, recipe, replace(surroundings, workers=0, cache_bytes=0)).batches(0, 1))
+    task, began = MapTask(shards, recipe), time.perf_counter()
+    batch = next(task.new_loader(replace(surroundings, workers=0, cache_bytes=0)).batches(0, 1))
     loading_seconds = time.perf_counter() - began
-    learner = new_learner(shards, recipe, surroundings)
+    learner = task.new_learner(surroundings)
     losses = [learner.step(batch)]
     began = time.perf_counter()
     losses += [learner.step(batch) for _ in range(STEPS - 1)]

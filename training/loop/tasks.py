@@ -1,9 +1,9 @@
 """What can be trained: a task brings a network, batches, losses and checkpoints; the trainer does the rest."""
 
-from collections.abc import Callable, Generator
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol, final, runtime_checkable
+from typing import Any, final
 
 from torch import nn
 
@@ -11,8 +11,9 @@ from pix2face.errors import UsageError
 from pix2face.inference.torch_networks import load_checkpoint, save_checkpoint
 from pix2face.networks import SEEN_PLANE
 from pix2face.networks.residual import ResidualUNet
-from training.data.loader import BatchLoader, DrawLoader
-from training.data.loading_processes import B, Draws
+from training.data.batches import Draws
+from training.data.dataset import DrawDataset
+from training.data.loader import DrawLoader
 from training.data.shard_index import ShardIndex
 from training.loop.learner import ALONE, Learner, Losses
 from training.loop.losses import LossPlan
@@ -43,103 +44,87 @@ class Surroundings:
     processes: Processes = ALONE
 
 
-@runtime_checkable
-class Loader(Protocol):
-    """Brings the batches of a training, and says how long callers have waited for them."""
+class Task(ABC):
+    """What the trainer trains.
 
-    wait_seconds: float
+    Attributes:
+        recipe: How long and how fast.
+        configuration: Everything that the weights depend on, as JSON.
+        initial: A network whose weights are started from, if there is one.
+    """
 
-    def batches(self, first_draw: int, n_batches: int) -> Generator[Any, None, None]:
-        """Some batches, from a draw on."""
+    recipe: StepRecipe
+    configuration: str
+    initial: nn.Module | None
 
+    @abstractmethod
+    def new_network(self) -> nn.Module:
+        """A network with new weights, drawn from torch's generator."""
 
-@runtime_checkable
-class Task(Protocol):
-    """What the trainer trains."""
+    @abstractmethod
+    def losses(self) -> Losses:
+        """What is minimised."""
 
-    recipe: StepRecipe  # how long and how fast
-    configuration: str  # everything that the weights depend on, as JSON
-    initial: nn.Module | None  # a network whose weights are started from
+    @abstractmethod
+    def draws(self, cache_bytes: int) -> Draws[Any]:
+        """Where batches come from; decoded samples may take so much memory."""
 
-    def new_learner(self, surroundings: Surroundings) -> Learner:
-        """The network before its first step."""
-
-    def new_loader(self, surroundings: Surroundings) -> Loader:
-        """What brings the batches."""
-
+    @abstractmethod
     def save(self, path: Path, network: nn.Module, epochs: int, samples: int) -> None:
         """Writes a checkpoint of a network that has seen some samples in some complete epochs."""
 
+    def new_learner(self, surroundings: Surroundings) -> Learner:
+        """The network before its first step."""
+        where = surroundings.device, surroundings.processes, surroundings.is_compiled
+        return Learner(self.recipe, self.new_network, self.losses(), *where)
+
+    def new_loader(self, surroundings: Surroundings) -> DrawLoader[Any]:
+        """What brings the batches."""
+        return DrawLoader(
+            self.draws(surroundings.cache_bytes),
+            self.recipe.batch_size,
+            workers=surroundings.workers,
+            pin_memory=surroundings.device.startswith("cuda"),
+            rank=surroundings.processes.rank,
+            n_ranks=surroundings.processes.count,
+        )
+
 
 @final
-class MapTask:
+class MapTask(Task):
     """Maps of faces from crops of shards, from the weights and scales of the checkpoint ``initial`` if there is one."""
+
+    recipe: Recipe
 
     def __init__(self, shards: ShardIndex, recipe: Recipe, initial: Path | None = None) -> None:
         start = load_checkpoint(initial) if initial else None
         if start and isinstance(start[1], ResidualUNet):
             start[1].correction = None  # it is of the fits to maps that this training changes
-        self.recipe: StepRecipe = recipe
-        self.initial = start[1] if start else None
-        self._own_recipe = recipe
+        self.recipe, self.initial = recipe, start[1] if start else None
         self._shards = with_scales_of(start[0], shards, recipe) if start else shards
         self.configuration = training_configuration(self._shards, recipe, initial)
 
-    def new_learner(self, surroundings: Surroundings) -> Learner:
-        """The network before its first step."""
-        return new_learner(self._shards, self._own_recipe, surroundings)
+    def new_network(self) -> nn.Module:
+        """A network with random weights."""
+        return self.recipe.new_network()
 
-    def new_loader(self, surroundings: Surroundings) -> Loader:
-        """What brings the batches."""
-        return new_loader(self._shards, self._own_recipe, surroundings)
+    def losses(self) -> LossPlan:
+        """The losses of the maps, and of what else the network answers."""
+        return LossPlan(
+            pncc_scale_mm=self._shards.pncc_scale_mm,
+            offset_scale_mm=self._shards.offset_scale_mm,
+            weights=self.recipe.weights,
+            over=self.recipe.loss_over,
+        )
+
+    def draws(self, cache_bytes: int) -> DrawDataset:
+        """Crops of samples."""
+        return DrawDataset(self._shards, self.recipe, cache_bytes)
 
     def save(self, path: Path, network: nn.Module, epochs: int, samples: int) -> None:
         """Writes a checkpoint."""
-        header = checkpoint_header(self._shards, self._own_recipe, self.configuration, epochs, samples)
+        header = checkpoint_header(self._shards, self.recipe, self.configuration, epochs, samples)
         save_checkpoint(path, header, network)
-
-
-def new_learner(shards: ShardIndex, recipe: Recipe, surroundings: Surroundings) -> Learner:
-    """The network before its first step."""
-    plan = LossPlan(
-        pncc_scale_mm=shards.pncc_scale_mm,
-        offset_scale_mm=shards.offset_scale_mm,
-        weights=recipe.weights,
-        over=recipe.loss_over,
-    )
-    return learner_on(surroundings, recipe, recipe.new_network, plan)
-
-
-def learner_on(
-    surroundings: Surroundings, recipe: StepRecipe, new_network: Callable[[], nn.Module], losses: Losses
-) -> Learner:
-    """A network before its first step, where it is trained."""
-    return Learner(recipe, new_network, losses, surroundings.device, surroundings.processes, surroundings.is_compiled)
-
-
-def new_loader(shards: ShardIndex, recipe: Recipe, surroundings: Surroundings) -> BatchLoader:
-    """What brings the batches."""
-    return BatchLoader(
-        shards,
-        recipe,
-        workers=surroundings.workers,
-        cache_bytes=surroundings.cache_bytes,
-        pin_memory=surroundings.device.startswith("cuda"),
-        rank=surroundings.processes.rank,
-        n_ranks=surroundings.processes.count,
-    )
-
-
-def draw_loader(draws: Draws[B], batch_size: int, surroundings: Surroundings) -> DrawLoader[B]:
-    """What brings batches of the draws of a task."""
-    return DrawLoader(
-        draws,
-        batch_size,
-        workers=surroundings.workers,
-        pin_memory=surroundings.device.startswith("cuda"),
-        rank=surroundings.processes.rank,
-        n_ranks=surroundings.processes.count,
-    )
 
 
 def check_landmarks(shards: ShardIndex, count: int, option: str, advice: str) -> None:

@@ -2,21 +2,19 @@
 
 import importlib
 import json
+from collections.abc import Mapping
 from typing import Any, final
 
-from torch import nn
-
 from pix2face.errors import UsageError
-from training.loop.loss_log import STEPS_A_LINE, StepReport
-from training.loop.validation import Scores
+from training.loop.observers import RunLog
 from training.train_config import TrackerName
 
 PROJECT = "pix2face"
 
 
 @final
-class TrackerLog:
-    """Logs losses every 50 steps, and the scores of each validation, by the number of pictures.
+class TrackerLog(RunLog):
+    """Logs curves by the number of pictures.
 
     Args:
         package: Which of the two.
@@ -36,17 +34,9 @@ class TrackerLog:
             ) from error
         self._package.init(project=PROJECT, name=name, config=json.loads(configuration))
 
-    def step(self, report: StepReport) -> None:
-        """Takes a step; every 50th is logged."""
-        if report.step % STEPS_A_LINE == 0:
-            losses = {f"loss/{name}": value for name, value in {"total": report.loss, **report.parts}.items()}
-            self._package.log({**losses, "learning rate": report.learning_rate}, step=report.samples)
-
-    def scores(self, samples: int, scores: Scores, network: nn.Module) -> None:
-        """Logs the scores of a validation."""
-        del network  # as ``RunLog`` has it
-        named = {f"validation/{name}": value for name, value in scores.as_numbers().items()}
-        self._package.log(named, step=samples)
+    def log(self, values: Mapping[str, float], samples: int) -> None:
+        """Logs values."""
+        self._package.log(dict(values), step=samples)
 
     def close(self) -> None:
         """Ends the run."""

@@ -152,7 +152,7 @@ class Validator:
                 answer = network(as_input(batch.image.to(device)))
                 planes, landmarks = answer if isinstance(answer, tuple) else (answer, None)
                 for index, own in enumerate(planes.float().cpu()):
-                    measured = self._measure(own, batch.rows(index, index + 1), len(rows))
+                    measured = self._measure(own, batch[index : index + 1], len(rows))
                     points = None if landmarks is None else landmarks[index].float().cpu().numpy()
                     rows.append((*measured, self._landmark_error(points, len(rows))))
         network.train(was_training)

@@ -1,19 +1,17 @@
 """The recipe of the correction of fits: all numbers of its training. torch is loaded on first use."""
 
-import math
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import final
 
 import tyro
 
-from pix2face.errors import UsageError
-from training.recipe.recipe import Epochs, Precision
+from training.recipe.recipe import StepRecipe
 from training.recipe.schedule import ScheduleName
 
 
 @final
 @dataclass(frozen=True, kw_only=True)
-class CorrectionRecipe(Epochs):
+class CorrectionRecipe(StepRecipe):
     """Everything that the weights of the correction depend on, apart from the network and the data.
 
     Attributes:
@@ -41,30 +39,5 @@ class CorrectionRecipe(Epochs):
     seed: int = 0
     frozen: tyro.conf.FlagCreatePairsOff[bool] = False
 
-    @property
-    def parts(self) -> int:
-        """Batches are computed whole."""
-        return 1
-
-    @property
-    def precision(self) -> Precision:
-        """The fit needs the digits."""
-        return "float32"
-
-    @property
-    def norm_batches(self) -> int:
-        """Norms keep their running statistics."""
-        return 0
-
-    def check(self) -> None:
-        """Makes sure that the numbers make sense.
-
-        Raises:
-            UsageError: One does not.
-        """
-        for name, value in asdict(self).items():
-            least = 1 if name in ("batch_size", "epochs", "epoch_size") else 0
-            if isinstance(value, int | float) and not least <= value < math.inf:
-                raise UsageError(f"--{name.replace('_', '-')}: expected {least} or more, found {value}")
-        if not self.ema < 1:
-            raise UsageError(f"--ema: expected less than 1, found {self.ema}")
+    precision = "float32"  # the fit needs the digits
+    norm_batches = 0  # norms keep their running statistics

@@ -1,18 +1,18 @@
 """The recipe of the detector: all numbers of its training."""
 
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import final
 
 from pix2face.errors import UsageError
 from pix2face.networks.dimensions import CENTRE_MULTIPLE
-from training.recipe.recipe import Epochs, Precision
+from training.recipe.recipe import Precision, StepRecipe
 from training.recipe.schedule import ScheduleName
 
 
 @final
 @dataclass(frozen=True, kw_only=True)
-class DetectorRecipe(Epochs):
+class DetectorRecipe(StepRecipe):
     """Everything that the detector's weights depend on, apart from the data.
 
     Attributes:
@@ -46,22 +46,14 @@ class DetectorRecipe(Epochs):
     norm_batches: int = 100
     seed: int = 0
 
-    @property
-    def parts(self) -> int:
-        """Batches are computed whole."""
-        return 1
-
     def check(self) -> None:
         """Makes sure that the numbers make sense.
 
         Raises:
             UsageError: One does not.
         """
-        for name, value in asdict(self).items():
-            least = 1 if isinstance(value, int) and name not in ("warm_up", "norm_batches", "seed") else 0
-            if isinstance(value, int | float) and not least <= value < math.inf:
-                raise UsageError(f"--{name.replace('_', '-')}: expected {least} or more, found {value}")
-        if self.size_px % CENTRE_MULTIPLE:
+        super().check()
+        if self.size_px < 1 or self.size_px % CENTRE_MULTIPLE:
             raise UsageError(f"--size-px: expected a multiple of {CENTRE_MULTIPLE}, found {self.size_px}")
-        if not 0 <= self.ema < 1:
-            raise UsageError(f"--ema: expected 0 or more and less than 1, found {self.ema}")
+        if not 0 <= self.box_weight < math.inf:
+            raise UsageError(f"--box-weight: expected 0 or more, found {self.box_weight}")

@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import asdict, dataclass, field
-from typing import TYPE_CHECKING, Annotated, Literal, Protocol, final, runtime_checkable
+from typing import TYPE_CHECKING, Annotated, Literal, final
 
 import tyro
 
@@ -48,44 +48,21 @@ class LossWeights:
     landmarks: Annotated[float, tyro.conf.arg(name="weight-landmarks")] = 0.02
 
 
-@runtime_checkable
-class StepRecipe(Protocol):
+class StepRecipe:
     """The numbers that the trainer itself goes by, whatever it trains; ``Recipe`` explains them."""
 
-    @property
-    def batch_size(self) -> int: ...  # noqa: D102 (explained there, as are the others)
-    @property
-    def parts(self) -> int: ...  # noqa: D102
-    @property
-    def epochs(self) -> int: ...  # noqa: D102
-    @property
-    def epoch_steps(self) -> int: ...  # noqa: D102
-    @property
-    def steps(self) -> int: ...  # noqa: D102
-    @property
-    def learning_rate(self) -> float: ...  # noqa: D102
-    @property
-    def schedule(self) -> ScheduleName: ...  # noqa: D102
-    @property
-    def warm_up(self) -> int: ...  # noqa: D102
-    @property
-    def precision(self) -> Precision: ...  # noqa: D102
-    @property
-    def clip(self) -> float: ...  # noqa: D102
-    @property
-    def ema(self) -> float: ...  # noqa: D102
-    @property
-    def norm_batches(self) -> int: ...  # noqa: D102
-    @property
-    def seed(self) -> int: ...  # noqa: D102
-
-
-class Epochs:
-    """Steps of a recipe with epochs of so many pictures."""
-
     batch_size: int
+    parts: int = 1
     epochs: int
     epoch_size: int
+    learning_rate: float
+    schedule: ScheduleName
+    warm_up: int
+    precision: Precision
+    clip: float
+    ema: float
+    norm_batches: int
+    seed: int
 
     @property
     def epoch_steps(self) -> int:
@@ -97,10 +74,29 @@ class Epochs:
         """Steps of the whole training."""
         return self.epochs * self.epoch_steps
 
+    def check(self) -> None:
+        """Makes sure that the numbers make sense.
+
+        Raises:
+            UsageError: One does not.
+        """
+        for name in ("batch_size", "parts", "epochs", "epoch_size", "learning_rate"):
+            if not 0 < getattr(self, name) < math.inf:
+                raise UsageError(f"{_option(name)}: expected more than 0, found {getattr(self, name)}")
+        for name in ("warm_up", "clip", "norm_batches"):
+            if not 0 <= getattr(self, name) < math.inf:
+                raise UsageError(f"{_option(name)}: expected 0 or more, found {getattr(self, name)}")
+        if not 0 <= self.ema < 1:
+            raise UsageError(f"--ema: expected 0 or more and less than 1, found {self.ema}")
+        if not 0 <= self.seed <= LARGEST_SEED:
+            raise UsageError(f"--seed: expected 0 to {LARGEST_SEED}, found {self.seed}")
+        if self.batch_size % self.parts:
+            raise UsageError(f"--parts: expected a divisor of {self.batch_size}, the batch's size, found {self.parts}")
+
 
 @final
 @dataclass(frozen=True, kw_only=True)
-class Recipe(Epochs):
+class Recipe(StepRecipe):
     """Everything that the trained weights depend on, apart from the data.
 
     Attributes:
@@ -180,22 +176,13 @@ class Recipe(Epochs):
         Raises:
             UsageError: One does not.
         """
-        for name in ("filters", "batch_size", "parts", "epochs", "epoch_size", "learning_rate"):
-            if not getattr(self, name) > 0:
-                raise UsageError(f"{_option(name)}: expected more than 0, found {getattr(self, name)}")
+        super().check()
+        if self.filters < 1:
+            raise UsageError(f"--filters: expected more than 0, found {self.filters}")
         if not SMALLEST_CROP_SCALE <= self.crop_scale <= LARGEST_CROP_SCALE:
             raise UsageError(
                 f"--crop-scale: expected {SMALLEST_CROP_SCALE:g} to {LARGEST_CROP_SCALE:g}, found {self.crop_scale}"
             )
-        for name in ("warm_up", "clip", "norm_batches"):
-            if not 0 <= getattr(self, name) < math.inf:
-                raise UsageError(f"{_option(name)}: expected 0 or more, found {getattr(self, name)}")
-        if not 0 <= self.ema < 1:
-            raise UsageError(f"--ema: expected 0 or more and less than 1, found {self.ema}")
-        if not 0 <= self.seed <= LARGEST_SEED:
-            raise UsageError(f"--seed: expected 0 to {LARGEST_SEED}, found {self.seed}")
-        if self.batch_size % self.parts:
-            raise UsageError(f"--parts: expected a divisor of {self.batch_size}, the batch's size, found {self.parts}")
         self._check_network()
         self._check_loss()
 
@@ -206,12 +193,12 @@ class Recipe(Epochs):
         if self.planes < MAP_PLANES:
             raise UsageError(f"--planes: expected at least {MAP_PLANES}, found {self.planes}")
         try:
-            ARCHITECTURES[self.architecture].check_size(self.size_px)
+            widest = max(self.widths)
         except ValueError as error:
             raise UsageError(f"--size-px: {error}") from error
-        if max(self.widths) > MOST_FILTERS:
+        if widest > MOST_FILTERS:
             raise UsageError(
-                f"--filters: expected at most {MOST_FILTERS * self.filters // max(self.widths)}, so that no level has "
+                f"--filters: expected at most {MOST_FILTERS * self.filters // widest}, so that no level has "
                 f"more than {MOST_FILTERS}, found {self.filters}"
             )
 

@@ -242,7 +242,10 @@ def test_the_card_tells_of_the_training(corrected: Path, tmp_path: Path) -> None
 
 @pytest.mark.parametrize(
     ("option", "value", "message"),
-    [("--ema", "1", "expected less than 1, found 1.0"), ("--epochs", "0", "expected 1 or more, found 0")],
+    [
+        ("--ema", "1", "expected 0 or more and less than 1, found 1.0"),
+        ("--epochs", "0", "expected more than 0, found 0"),
+    ],
 )
 def test_numbers_that_make_no_sense_are_refused(
     shards_dir: Path, network_path: Path, tmp_path: Path, capsys, option: str, value: str, message: str

@@ -21,7 +21,6 @@ from training.data.batches import as_input, empty_batch, target_planes
 from training.data.dataset import DrawDataset
 from training.data.decoded_sample import decode_sample
 from training.data.shard_index import ShardIndex, index_shards
-from training.data.shared_cache import SharedCache
 from training.loop.validation import ValidationSet
 from training.recipe.presets import PRESETS
 
@@ -42,11 +41,11 @@ def assert_same(first, second):
 @pytest.mark.parametrize("cropping", ["full", "box", "shift", "none"])
 def test_a_draw_is_the_same_whoever_computes_it(shards, cropping):
     recipe = replace(RECIPE, cropping=cropping)
-    dataset, other = DrawDataset(shards, recipe), DrawDataset(shards, recipe, SharedCache(5, 10**7))
+    dataset, other = DrawDataset(shards, recipe), DrawDataset(shards, recipe, 10**7)
     for draw in (7, 0, 3, 7):
         assert_same(dataset[draw], other[draw])
     together = other.batch([7, 0, 3])
-    assert_same(together.rows(1, 2), dataset[0])
+    assert_same(together[1:2], dataset[0])
     assert len(together) == 3
 
 
@@ -212,7 +211,7 @@ def test_an_empty_batch_knows_what_is_seen_only_where_the_sets_do():
     assert empty_batch(2, 8, has_seen=False).seen is None
     batch = empty_batch(2, 8, has_seen=True)
     assert batch.seen.shape == (2, 8, 8)
-    assert batch.to("cpu").rows(0, 1).seen.shape == (1, 8, 8)
+    assert batch.to("cpu")[:1].seen.shape == (1, 8, 8)
 
 
 def not_square(tmp_path: Path, cut: tuple[slice, slice]) -> tuple[ShardIndex, Sample]:

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from training.data.draw_order import DrawBatches, DrawOrder
+from training.data.draw_order import DrawOrder, draws_of_batches
 from training.data.shard_index import SampleSet
 
 
@@ -56,16 +56,14 @@ def test_weights_do_not_pair_samples_with_places_in_a_batch():
 
 
 def test_batches_are_consecutive_draws():
-    batches = DrawBatches(4)
-    assert list(batches.plan(8, 0)) == []
-    draws = list(batches.plan(8, 3))
+    assert list(draws_of_batches(8, 0, 4)) == []
+    draws = list(draws_of_batches(8, 3, 4))
     assert draws == [[8, 9, 10, 11], [12, 13, 14, 15], [16, 17, 18, 19]]
     assert all(b[0] == a[-1] + 1 for a, b in pairwise(draws))
 
 
 @pytest.mark.parametrize("n_ranks", [1, 2, 4])
 def test_machines_divide_each_batch(n_ranks):
-    machines = [DrawBatches(8, rank, n_ranks) for rank in range(n_ranks)]
-    whole, *parts = (batches.plan(16, 5) for batches in (DrawBatches(8), *machines))
+    whole, parts = draws_of_batches(16, 5, 8), [draws_of_batches(16, 5, 8, rank, n_ranks) for rank in range(n_ranks)]
     for batch, *own in zip(whole, *parts, strict=True):
         assert list(chain.from_iterable(own)) == batch

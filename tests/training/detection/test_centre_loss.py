@@ -5,21 +5,29 @@ import torch
 
 from pix2face.detectors.centre_decoding import decode
 from pix2face.networks.dimensions import CENTRE_STRIDE
+from training.data.batches import tensors_in
 from training.detection.centre_loss import (
     CentreLosses,
-    batch_bytes,
+    SceneBatch,
     cell_targets,
-    centre_losses,
-    empty_batch,
     fill_row,
+    scene_layout,
+    scenes_of,
 )
 from training.detection.scenes import Scene
 
 BOXES = [np.array([10.0, 20, 42, 60]), np.array([70.5, 71, 83, 84]), np.array([-20.0, 80, 30, 140])]
 
 
+LOSSES = CentreLosses(2.0)
+
+
 def scene() -> Scene:
     return Scene(np.full((128, 128, 3), 7, dtype=np.uint8), list(BOXES), [True, True, True])
+
+
+def empty_batch(n_scenes: int, size_px: int) -> SceneBatch:
+    return scenes_of(tensors_in(scene_layout(n_scenes, size_px)))
 
 
 def perfect_planes(own: Scene) -> torch.Tensor:
@@ -43,16 +51,16 @@ def test_the_truth_costs_nothing_and_mistakes_do() -> None:
     batch = empty_batch(1, 128)
     fill_row(batch, 0, own)
     planes = perfect_planes(own)
-    losses = centre_losses(planes, batch)
+    losses = LOSSES.parts(planes, batch)
     assert losses["box"] == 0
     assert losses["heat"] < 1e-3
     missed = planes.clone()
     missed[:, 0] = -12
-    assert centre_losses(missed, batch)["heat"] > 5
+    assert LOSSES.parts(missed, batch)["heat"] > 5
     shifted = planes.clone()
     shifted[:, 1] += 1
-    assert centre_losses(shifted, batch)["box"] > 0.2
-    assert CentreLosses(2.0).total({"heat": torch.tensor(1.0), "box": torch.tensor(0.5)}) == 2
+    assert LOSSES.parts(shifted, batch)["box"] > 0.2
+    assert LOSSES.total({"heat": torch.tensor(1.0), "box": torch.tensor(0.5)}) == 2
 
 
 def test_faces_that_are_not_counted_cost_nothing_where_they_are() -> None:
@@ -63,16 +71,15 @@ def test_faces_that_are_not_counted_cost_nothing_where_they_are() -> None:
     assert batch.is_looked_at[0, 10:].all()
     planes = torch.full((1, 5, 16, 16), -12.0)
     planes[0, 0, 4, 3] = 12  # there is something, so it is no mistake
-    assert centre_losses(planes, batch)["heat"] < 1e-3
+    assert LOSSES.parts(planes, batch)["heat"] < 1e-3
     planes[0, 0, 12, 12] = 12
-    assert centre_losses(planes, batch)["heat"] > 5
+    assert LOSSES.parts(planes, batch)["heat"] > 5
 
 
-def test_a_batch_lies_in_the_memory_that_it_says() -> None:
+def test_a_scene_fills_its_row_alone() -> None:
     batch = empty_batch(2, 64)
-    assert sum(own.numel() * own.element_size() for own in vars(batch).values()) == batch_bytes(2, 64)
     fill_row(batch, 1, Scene(np.full((64, 64, 3), 9, np.uint8)))
     assert batch.image[1].eq(9).all()
     assert batch.image[0].eq(0).all()
-    assert len(batch.rows(1, 2)) == 1
+    assert len(batch[1:2]) == 1
     assert batch.image.is_contiguous(memory_format=torch.channels_last)

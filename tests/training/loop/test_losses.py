@@ -68,7 +68,7 @@ def test_inside_a_mask_every_picture_counts_the_same(over):
 @pytest.mark.parametrize("over", ["all", "mask"])
 def test_a_batch_is_the_mean_of_its_pictures(over):
     plan, planes = replace(PLAN, over=over), planes_of(7)
-    alone = [plan.parts(planes[i : i + 1], BATCH.rows(i, i + 1)) for i in range(3)]
+    alone = [plan.parts(planes[i : i + 1], BATCH[i : i + 1]) for i in range(3)]
     for name, value in plan.parts(planes, BATCH).items():
         assert value.item() == pytest.approx(sum(own[name].item() for own in alone) / 3, rel=1e-5)
 

@@ -20,7 +20,7 @@ from training.data.shard_index import index_shards
 from training.loop.losses import LossPlan
 from training.loop.resume import save_state, steps_done
 from training.loop.run_configuration import training_configuration
-from training.loop.tasks import Surroundings, new_learner
+from training.loop.tasks import MapTask, Surroundings
 from training.loop.trainer import LOG_NAME, RESUME_NAME, Observers, TrainingStopped, train
 from training.recipe.presets import PRESETS
 from training.recipe.recipe import Recipe
@@ -142,7 +142,7 @@ def test_an_interruption_keeps_the_last_epochs_checkpoint(shards, tmp_path):
 
 def test_the_checkpoint_says_what_it_was_trained_on(shards, uninterrupted):
     header, _ = load_checkpoint(uninterrupted)
-    assert (header.size_px, header.filters, header.epoch, header.samples) == (32, 4, 4, 24)
+    assert (header.size_px, header.widths[0], header.epoch, header.samples) == (32, 4, 4, 24)
     assert (header.model_name, header.model_sha256) == (shards.model_name, shards.model_sha256)
     assert (header.pncc_scale_mm, header.offset_scale_mm) == (shards.pncc_scale_mm, shards.offset_scale_mm)
     assert header.licence == shards.licence
@@ -219,7 +219,7 @@ def test_a_diverging_training_stops_and_keeps_the_last_checkpoint(shards, tmp_pa
 
 
 def test_weights_that_the_last_step_ruined_are_not_saved(shards, tmp_path):
-    recipe = replace(RECIPE, learning_rate=float("inf"), epoch_size=2)
+    recipe = replace(RECIPE, learning_rate=1e300, epoch_size=2)
     with pytest.raises(Pix2FaceError, match="the weights are not finite"):
         train(shards, recipe, tmp_path, HERE)
     assert not (tmp_path / CHECKPOINT_NAME).exists()
@@ -251,7 +251,7 @@ def test_norms_are_measured_at_the_end_alone_and_only_where_they_are_asked_for(s
 
 def test_a_state_of_before_norms_were_measured_is_gone_on_from(shards, tmp_path):
     recipe, path = replace(RESIDUAL, norm_batches=0), tmp_path / RESUME_NAME
-    learner = new_learner(shards, recipe, HERE)
+    learner = MapTask(shards, recipe).new_learner(HERE)
     learner.step(random_batch(recipe))
     earlier = json.loads(training_configuration(shards, recipe))
     assert earlier.pop("norm_batches") == 0
