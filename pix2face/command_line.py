@@ -6,6 +6,7 @@ import stat
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from time import monotonic
 from typing import Any, Literal, final, get_args
 
 import tyro
@@ -28,6 +29,8 @@ from pix2face.files.writing import written_in_one_step
 EXIT_ERROR = 2
 EXIT_REJECTED = 3
 REJECTED_FILE = "rejected.jsonl"
+# Of progress in a log.
+SECONDS_BETWEEN_LINES = 60.0
 
 
 def optional(metavar: str) -> Any:
@@ -156,6 +159,8 @@ class _RateColumn(ProgressColumn):
 def progress_bar(console: Console, what: str, total: int | None) -> Iterator[Callable[..., None]]:
     """Shows a progress bar with rate and remaining time. Its length is unknown if ``total`` is None.
 
+    Where there is no terminal, a line is printed every ``SECONDS_BETWEEN_LINES`` instead, and the bar at the end.
+
     Yields:
         ``advance(n=1, note="", already_done=False)``: adds n items, and shows a note behind the bar. Items that were
         already done do not count for the rate.
@@ -171,11 +176,16 @@ def progress_bar(console: Console, what: str, total: int | None) -> Iterator[Cal
     ]
     with Progress(*columns, console=console, refresh_per_second=4) as progress:
         task = progress.add_task(what, total=total, note="")
+        said = monotonic()
 
         def advance(n: int = 1, note: str = "", already_done: bool = False) -> None:
             if already_done:
                 progress.reset(task, completed=n)
             else:
                 progress.update(task, advance=n, note=note)
+            nonlocal said
+            if not console.is_terminal and monotonic() - said >= SECONDS_BETWEEN_LINES:
+                said, out_of = monotonic(), f" of {total}" if total else ""
+                say(console, f"{what}: {progress.tasks[task].completed:.0f}{out_of} {note}".rstrip())
 
         yield advance

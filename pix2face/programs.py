@@ -16,9 +16,9 @@ from pix2face import __version__
 from pix2face.command_line import EXIT_ERROR, printable
 from pix2face.errors import Pix2FaceError, UsageError
 from pix2face.files.writing import WRITE_ERRORS
+from pix2face.stop_signals import StoppedBySignal, stopping_on_signals
 
 EXIT_BROKEN_PIPE = 1
-EXIT_INTERRUPTED = 130
 
 
 @final
@@ -100,8 +100,8 @@ def run_commands(
         arguments: The command line without the program's name; None uses that of the process.
 
     Returns:
-        The exit status: that of the command, 2 after an error, 130 after an interruption, and 1 if the output is a
-        closed pipe.
+        The exit status: that of the command, 2 after an error, 130 after Ctrl-C, 143 after SIGTERM, and 1 if the output
+        is a closed pipe.
     """
     _replace_missing_streams()
     given = list(sys.argv[1:] if arguments is None else arguments)
@@ -109,7 +109,8 @@ def run_commands(
         chosen = commands[given[0]]
         return run_commands(f"{program} {given[0]}", _first_line(chosen), {"": chosen}, given[1:])
     try:
-        status = _run(program, description, commands, given)
+        with stopping_on_signals():
+            status = _run(program, description, commands, given)
         sys.stdout.flush()  # here, since an error at exit could not be reported
         return status
     except BrokenPipeError:
@@ -124,9 +125,9 @@ def run_commands(
         found = f" ({printable(str(error))})" if str(error) else ""
         sys.stderr.write(f"{program}: error: more memory is needed than there is{found}; ask for less at a time\n")
         return EXIT_ERROR
-    except KeyboardInterrupt:
+    except StoppedBySignal as stop:
         sys.stderr.write(f"{program}: interrupted; what was finished is kept\n")
-        return EXIT_INTERRUPTED
+        return stop.exit_status
 
 
 def _with_its_place(error: Pix2FaceError | OSError) -> Pix2FaceError | OSError:
@@ -148,6 +149,8 @@ def _run(program: str, description: str, commands: Mapping[str, Command], argume
         sys.stdout.write(f"{program} {__version__}\n")
         return 0
     named = {name: command for name, command in commands.items() if name}
+    if "" not in commands and arguments and arguments[0] not in named and Path(arguments[0]).exists():
+        raise UsageError(f"expected a command before {arguments[0]}: one of {', '.join(named)}")
     version = "" if " " in program else f"\n\n`{program} --version` prints the version."
     if "" not in commands:
         text = f"{description}\n\n`{program} COMMAND --help` explains a command.{version}"

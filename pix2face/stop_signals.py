@@ -1,5 +1,6 @@
 """Ctrl-C and SIGTERM end long work cleanly: the first asks, the second ends the process at once."""
 
+import os
 import signal
 import threading
 from collections.abc import Callable, Iterator
@@ -44,6 +45,20 @@ def first_signal(ask: Callable[[int], None]) -> Iterator[None]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+@contextmanager
+def collected_signals() -> Iterator[list[int]]:
+    """Collects the first signal for work that looks for it from time to time, and tells the user so."""
+    found: list[int] = []
+
+    def note(number: int) -> None:
+        found.append(number)
+        # Not through a stream or a console, which the signal may have interrupted in the middle of a write.
+        os.write(2, b"\nstopping after the step under way; a second signal ends the process at once\n")
+
+    with first_signal(note):
+        yield found
 
 
 def exit_status_of(number: int) -> int:

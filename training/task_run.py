@@ -10,7 +10,7 @@ from rich.console import Console
 from pix2face.command_line import counted, prepare_output_folder, progress_bar, say
 from pix2face.errors import UsageError
 from pix2face.inference import CHECKPOINT_NAME
-from pix2face.stop_signals import exit_status_of, first_signal
+from pix2face.stop_signals import collected_signals, exit_status_of
 from training.loop.observers import observers_of
 from training.loop.processes import device_of_process, joined_processes
 from training.loop.resume import steps_done
@@ -37,8 +37,7 @@ def run_task(task: Task, what: str, data: str, config: DetectorConfig | Correcti
         )
     recipe, out, device = task.recipe, config.out, device_of_process(config.device)
     with ExitStack() as stack:
-        signals: list[int] = []
-        stack.enter_context(first_signal(signals.append))
+        signals = stack.enter_context(collected_signals())
         processes = stack.enter_context(joined_processes(device))
         surroundings = Surroundings(
             device=device,

@@ -14,7 +14,7 @@ from pix2face.errors import Pix2FaceError, UsageError
 from pix2face.files.writing import write_file
 from pix2face.inference.checkpoint import load_header
 from pix2face.models.morphable_model import builtin_model
-from pix2face.stop_signals import first_signal
+from pix2face.stop_signals import collected_signals
 from training.data.shard_folders import parse_shard_folders
 from training.data.shard_index import ShardIndex, index_shards, split_off
 from training.loop.observers import RunLog, TensorboardLog, observers_of
@@ -35,8 +35,7 @@ def train_network(config: TrainConfig) -> int:
     """Trains, and shows a summary first, then a progress bar, and at the end the next command."""
     recipe = config.recipe()
     with ExitStack() as stack:
-        signals: list[int] = []
-        stack.enter_context(first_signal(signals.append))
+        signals = stack.enter_context(collected_signals())
         processes = stack.enter_context(joined_processes(checked_device(config)))
         surroundings = surroundings_of(config, processes)
         _limit_threads(surroundings)

@@ -89,7 +89,7 @@ def _print_tables(out: Console, tables: Iterable[Listing]) -> None:
         out.print(Text(printable(listed.title), style="italic"), soft_wrap=True)
         table = Table()
         for place, column in enumerate(listed.columns):
-            table.add_column(Text(column), justify="right" if place else "left")
+            table.add_column(Text(column), justify="right" if place else "left", overflow="fold")
         for line in listed.lines:
             table.add_row(*(Text(printable(text)) for text in line))
         out.print(table)

@@ -17,11 +17,12 @@ from pix2face.geometry.crops import FaceBox
 from pix2face.landmark_choice.landmark_file import open_model_with
 
 NO_FACE = (
-    "no face found; say where the face is with --box left top right bottom, look for small faces with "
-    "--smallest-face 0.02, or accept doubtful faces with --min-score 0.5"
+    "no face found; say where the face is with --box left top right bottom, look for smaller faces with "
+    "--smallest-face (0.02 or less), or accept doubtful faces with --min-score 0.5"
 )
+QUARTER_TURNS = {1: "counterclockwise by 90°", 2: "by 180°", 3: "clockwise by 90°"}
 TURNED = (
-    "the face is not upright; turn the picture counterclockwise by {degrees}°, or say where the face is with "
+    "the face is not upright; turn the picture {how}, or say where the face is with "
     "--box left top right bottom if the picture is right as it is"
 )
 
@@ -78,7 +79,7 @@ class FaceFinder:
         boxes: Sequence[Box] = self._given(path, image)
         if not boxes:
             if turns := self.pix2face.quarter_turns(image):
-                raise DegenerateGeometryError(TURNED.format(degrees=90 * turns))
+                raise DegenerateGeometryError(TURNED.format(how=QUARTER_TURNS[turns]))
             boxes = self.pix2face.find_faces(image)
         if not boxes:
             raise DegenerateGeometryError(NO_FACE)

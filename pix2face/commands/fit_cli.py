@@ -69,6 +69,7 @@ def _fit_each(photographs: Iterable[SeenPhotograph], tally: Tally, pix2face: Pix
                 with tally.face(face.path):
                     fitted = pix2face.fit_prediction(face.prediction, face.size_px, writer.config.how)
                     writer.write(folder, face, fitted)
+                    tally.check_plausible(fitted, face)
 
 
 def _fit_jointly(photographs: Iterable[SeenPhotograph], tally: Tally, pix2face: Pix2Face, writer: "_Writer") -> None:
@@ -91,6 +92,7 @@ def _fit_jointly(photographs: Iterable[SeenPhotograph], tally: Tally, pix2face: 
         try:
             with writer.results.of_photograph(name, face.path) as folder:
                 writer.write(folder, face.with_image(), fitted)
+                tally.check_plausible(fitted, face)
         except (DegenerateGeometryError, InputFileError) as error:  # no overlay can be drawn, or the file is gone
             tally.n_faces -= 1
             tally.problems.append(located(error, face.path))

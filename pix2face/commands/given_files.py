@@ -41,7 +41,8 @@ def given_files(inputs: Sequence[Path], console: Console, or_else: str = "") -> 
             found = _without_results([path for path in given.iterdir() if _is_picture(path)])
             if not found:
                 known = ", ".join(PHOTOGRAPH_SUFFIXES)
-                raise UsageError(f"{given}: expected photographs ({known}) in the folder, found none")
+                fits = f"; name the fits in it as '{given}/*.json'" if or_else and any(given.glob("*.json")) else ""
+                raise UsageError(f"{given}: expected photographs ({known}) in the folder, found none{fits}")
         elif glob.has_magic(str(given)) and not given.exists():
             matches = glob.glob(str(given), recursive=True)  # noqa: PTH207 (Path.glob takes no absolute pattern)
             found = _without_results([Path(name) for name in matches]) or [given]

@@ -16,8 +16,10 @@ from pix2face.command_line import EXIT_REJECTED, progress_bar, say
 from pix2face.commands.face_finder import FaceFinder
 from pix2face.errors import DegenerateGeometryError, InputFileError
 from pix2face.files.images import read_photograph, write_picture
+from pix2face.fitting.face_fit import FaceFit
 from pix2face.inference.predictor import Prediction
 from pix2face.photographs.fit_pictures import draw_maps
+from pix2face.photographs.refined_detection import PLAUSIBLE_ERROR
 
 Photograph = UInt8[ndarray, "h w 3"]
 
@@ -67,6 +69,7 @@ class Tally:
     n_photographs: int = 0
     n_faces: int = 0
     problems: list[str] = field(default_factory=list)
+    warnings: list[str] = field(default_factory=list)
 
     @contextmanager
     def face(self, path: Path) -> Iterator[None]:
@@ -77,10 +80,19 @@ class Tally:
         except DegenerateGeometryError as error:
             self.problems.append(located(error, path))
 
+    def check_plausible(self, fitted: FaceFit, face: SeenFace) -> None:
+        """Adds a warning if the network expects a large error, as in a box without a face."""
+        error = fitted.expected_error
+        if error is not None and error > PLAUSIBLE_ERROR:
+            self.warnings.append(
+                f"warning: {face.path}: {face.name}: the network expects an error of {error:.0%} of the face's size; "
+                "is there a face in its box?"
+            )
+
     def report(self, console: Console, where: Path) -> int:
-        """Prints problems and counts, and returns the exit status."""
-        for problem in self.problems:
-            say(console, problem)
+        """Prints problems, warnings and counts, and returns the exit status."""
+        for line in (*self.problems, *self.warnings):
+            say(console, line)
         say(console, f"photographs: {self.n_photographs}, faces: {self.n_faces} -> {where}")
         return EXIT_REJECTED if self.problems else 0
 

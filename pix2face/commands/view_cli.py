@@ -67,6 +67,7 @@ def _fit_photographs(
         for face in photograph.faces:
             with tally.face(face.path):
                 fitted = pix2face.fit_prediction(face.prediction, face.size_px, config.how)
+                tally.check_plausible(fitted, face)
                 points, colours = photograph_cloud(face.image, face.prediction.crop, face.prediction.maps)
                 show(face_data(ViewedFace(face.name, face.image, fitted, points, colours)))
     return tally

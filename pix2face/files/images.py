@@ -26,6 +26,8 @@ from pix2face.files.writing import write_file
 PHOTOGRAPH_QUALITY = 95
 IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp", ".webp", ".tif", ".tiff")
 PHOTOGRAPH_SUFFIXES = (*IMAGE_SUFFIXES, ".avif", ".heic", ".heif")  # of what people photograph with
+# First bytes of files, for messages about damaged ones.
+SIGNATURES = ((JPEG_START, "JPEG"), (b"\x89PNG", "PNG"))
 # No camera makes larger files.
 LARGEST_FILE_BYTES = 1 << 30
 # In the file's own numbers and colours: OpenCV cannot turn grey fractions into RGB while it reads them.
@@ -214,5 +216,10 @@ def _decode(content: bytes, flags: int, where: str) -> Shaped[ndarray, "h w *c"]
     except cv2.error as error:
         raise InputFileError(f"{where}: expected a picture that OpenCV reads; {error.err}") from error
     if image is None:
-        raise InputFileError(f"{where}: expected a picture (JPEG, PNG, ...), found {len(content)} bytes that are none")
+        found = next(
+            (f"a {name} that is cut off or damaged" for start, name in SIGNATURES if content.startswith(start)), ""
+        )
+        raise InputFileError(
+            f"{where}: expected a picture (JPEG, PNG, ...), found {found or f'{len(content)} bytes that are none'}"
+        )
     return image

@@ -1,6 +1,6 @@
 """From the maps of one picture to camera, coefficients, mesh and landmarks."""
 
-from dataclasses import dataclass, replace
+from dataclasses import astuple, dataclass, replace
 from functools import cached_property, lru_cache
 from typing import final
 
@@ -55,6 +55,12 @@ class FaceFit:
     box: FaceBox | None = None
     score: float | None = None
     landmark_errors_px: Float64[ndarray, " m"] | None = None
+
+    def __repr__(self) -> str:
+        """The face in one line, without its arrays."""
+        box = "no box" if self.box is None else "box " + ", ".join(f"{side:.0f}" for side in astuple(self.box))
+        error = "unknown" if self.expected_error is None else f"{self.expected_error:.1%}"
+        return f"<FaceFit to {self.model.name!r}: {len(self.landmarks2d)} landmarks, {box}, expected error {error}>"
 
     @cached_property
     def vertices(self) -> Float32[ndarray, "v 3"]:

@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import dataclass
-from typing import Final, Literal, final
+from typing import Final, Literal, final, get_args
 
 from pix2face.errors import UsageError
 
@@ -67,8 +67,11 @@ class FitOptions:
         """Refuses values that no fit can use.
 
         Raises:
-            UsageError: A regularisation that is neither positive nor `estimate`, or rounds out of range.
+            UsageError: A regularisation that is neither positive nor `estimate`, rounds out of range, or another
+                contour.
         """
+        if self.contour not in get_args(Contour):
+            raise UsageError(f"expected a contour of {', '.join(get_args(Contour))}, found {self.contour!r}")
         if self.regularisation != "estimate" and not 0 < self.regularisation < math.inf:
             raise UsageError(f"expected a positive --regularisation in mm^2, or estimate, found {self.regularisation}")
         if not 0 <= self.reprojection_rounds <= MOST_REPROJECTION_ROUNDS:

@@ -76,8 +76,9 @@ def measure_picture(
 
     Raises:
         DegenerateGeometryError: As ``fit_face``.
-        UsageError: There is no such kind of camera, or reprojection is asked for without vertices.
+        UsageError: The options are unusable, or reprojection is asked for without vertices.
     """
+    options.check()
     regularisation = None if options.regularisation == "estimate" else options.regularisation
     if constraints == "surface" and options.reprojection_rounds:
         raise UsageError("expected vertices as constraints for reprojection rounds, found pixels of the surface")

@@ -32,6 +32,13 @@ class MorphableModel(LinearModel):
     #: For each triangle its three texture coordinates (they split along seams).
     uv_triangles: Int32[ndarray, "t 3"] | None = None
 
+    def __repr__(self) -> str:
+        """The model in one line, without its arrays."""
+        return (
+            f"<MorphableModel {self.name!r}: {len(self.mean)} vertices, {self.n_identity} identity and "
+            f"{self.n_expression} expression components>"
+        )
+
     @property
     def n_identity(self) -> int:
         """Number of identity components."""

@@ -73,7 +73,7 @@ def parse_mesh_formats(text: str) -> tuple[str, ...]:
     return names
 
 
-def write_mesh(path: Path, mesh: FaceMesh) -> None:
+def write_mesh(path: Path | str, mesh: FaceMesh) -> None:
     """Writes a mesh in the format of the file's suffix: .obj, .ply, .glb or .usdz.
 
     The k-th vertex of .obj, .ply and .usdz is the k-th of the model; .glb repeats vertices where the texture has a
@@ -83,6 +83,7 @@ def write_mesh(path: Path, mesh: FaceMesh) -> None:
     Raises:
         UsageError: The suffix is not one of these, or USD is not installed.
     """
+    path = Path(path)
     writer = _WRITERS.get(path.suffix.lower().removeprefix("."))
     if writer is None:
         raise UsageError(f"{path}: expected a mesh file ending in {', '.join('.' + name for name in _WRITERS)}")

@@ -156,9 +156,15 @@ class OverlayVideo:
         self._n_written += 1
 
 
+def open_capture(video: Path) -> cv2.VideoCapture:
+    """Opens a video with FFmpeg, without OpenCV's limit of 30 s for a read, which a busy machine may exceed."""
+    no_limits = [cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, 0, cv2.CAP_PROP_READ_TIMEOUT_MSEC, 0]
+    return cv2.VideoCapture(str(video), cv2.CAP_FFMPEG, no_limits)
+
+
 def _n_frames(video: Path) -> int:
     """Returns the number of frames in a video's header, which is written last; 0 if there is none."""
-    capture = cv2.VideoCapture(str(video), cv2.CAP_FFMPEG)
+    capture = open_capture(video)
     try:
         return int(capture.get(cv2.CAP_PROP_FRAME_COUNT)) if capture.isOpened() else 0
     finally:
@@ -221,7 +227,7 @@ def _decoded(path: Path, usual_s: float) -> Iterator[tuple[float, Frame]]:
 
 @contextmanager
 def _capture(path: Path) -> Iterator[cv2.VideoCapture]:
-    capture = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
+    capture = open_capture(path)
     try:
         if not capture.isOpened():
             raise InputFileError(

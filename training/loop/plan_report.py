@@ -29,7 +29,7 @@ def summary(shards: ShardIndex, recipe: Recipe, preset: str, device: str, out: P
         "preset": f"{preset}: {recipe.architecture}, {recipe.size_px} px, {counted(recipe.filters, 'filter')}, "
         f"{recipe.planes} planes, batches of {recipe.batch_size}, {computed_precision(recipe.precision, device)}",
         "plan": f"{counted(recipe.epochs, 'epoch')} of {counted(recipe.epoch_size, 'picture')}"
-        + (f", {done // (recipe.epoch_steps * recipe.batch_size)} done" if done else ""),
+        + (f", {counted(done, 'picture')} done" if done else ""),
         "writes": str(out / CHECKPOINT_NAME),
     }
     return Text("\n".join(f"{name:<8} {printable(text)}" for name, text in lines.items()))

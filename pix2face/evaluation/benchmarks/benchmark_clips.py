@@ -21,6 +21,7 @@ from pix2face.evaluation.benchmarks.benchmark_data import (
 from pix2face.evaluation.benchmarks.manifest import Manifest
 from pix2face.files.opening import open_regular, read_regular
 from pix2face.geometry.landmarks import LARGEST_PTS_BYTES, N_IBUG68, read_pts
+from pix2face.tracking.video import open_capture
 
 ANNOTATIONS, ANNOTATIONS_3D = "annot", "annot3d"
 PICTURE_SUFFIXES = (".jpg", ".png", ".jpeg")
@@ -158,7 +159,7 @@ class _VideoReader:
         """
         if path != self._path or number < self._next:
             self._capture.release()
-            self._capture = cv2.VideoCapture(str(path))
+            self._capture = open_capture(path)
             self._path, self._next = path, 0
         while self._next < number and self._capture.grab():
             self._next += 1

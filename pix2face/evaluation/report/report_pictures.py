@@ -47,18 +47,20 @@ def curve_png(report: Report) -> bytes:
 
 
 def curve3d_png(report: Report) -> bytes | None:
-    """The share of faces by mean distance in space; None where the truth has no 3D landmarks."""
+    """The share of faces by mean distance in space; None where the truth or the method has no 3D landmarks."""
+    if not report.rows3d or report.manifest.threshold3d is None:
+        return None
     found = [own.distances3d.mean() for own in report.results if own.distances3d is not None]
     baseline = [own.baseline_distances3d.mean() for own in report.results if own.baseline_distances3d is not None]
-    if not found or report.manifest.threshold3d is None:
-        return None
+    is_share = report.settings.alignment == "depth"
     curves = {
-        f"{method}, 68 points": error_curve(np.array(values), report.manifest.threshold3d) * [1, 100]
+        f"{method}, 68 points": error_curve(np.array(values), report.manifest.threshold3d)
+        * [100 if is_share else 1, 100]
         for method, values in zip(report.methods, (found, baseline), strict=True)
     }
-    words = f"as a fraction of {report.unit3d}" if report.settings.alignment == "depth" else "in the data's unit"
-    unit = f"{words} (alignment: {report.settings.alignment})"
-    return _curves_png(curves, report.title, f"mean distance of a face in 3D, {unit}", len(found))
+    unit = f"% of {report.unit3d}" if is_share else "the data's unit"
+    words = f"mean distance of a face in 3D after alignment ({report.settings.alignment}),\n{unit}"
+    return _curves_png(curves, report.title, words, len(found))
 
 
 def precision_png(detection: DetectionSummary, title: str) -> bytes:
