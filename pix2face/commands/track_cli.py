@@ -157,8 +157,8 @@ def _detect(config: TrackConfig, source: FrameSource, find: Find, boxes: Path) -
         by = f"in {config.faces.boxes}" if config.faces.boxes else f"by the detector {config.faces.detector}"
         raise InputFileError(
             f"{source.path}: expected a face, found none {by} in {counted(n_frames, 'frame')}; "
-            "look for smaller faces with --smallest-face (0.02 or less), accept doubtful ones with --min-score 0.5, or say "
-            "where the face is with --boxes"
+            "look for smaller faces with --smallest-face (0.02 or less), accept doubtful ones with --min-score 0.5, or "
+            "say where the face is with --boxes"
         )
     return n_frames, tracker.tracks
 

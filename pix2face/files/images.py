@@ -209,6 +209,12 @@ def _to_8_bit(image: Shaped[ndarray, "h w *c"], where: str) -> UInt8[ndarray, "h
     return image
 
 
+def open_capture(video: Path) -> cv2.VideoCapture:
+    """Opens a video with FFmpeg, without OpenCV's limit of 30 s for a read, which a busy machine may exceed."""
+    no_limits = [cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, 0, cv2.CAP_PROP_READ_TIMEOUT_MSEC, 0]
+    return cv2.VideoCapture(str(video), cv2.CAP_FFMPEG, no_limits)
+
+
 def _decode(content: bytes, flags: int, where: str) -> Shaped[ndarray, "h w *c"]:
     declared_size_px(content, where)
     try:

@@ -14,7 +14,7 @@ from jaxtyping import UInt8
 from numpy import ndarray
 
 from pix2face.errors import InputFileError, UsageError
-from pix2face.files.images import IMAGE_SUFFIXES, read_photograph
+from pix2face.files.images import IMAGE_SUFFIXES, open_capture, read_photograph
 from pix2face.files.opening import check_regular
 from pix2face.tracking.ahead import ahead
 
@@ -154,12 +154,6 @@ class OverlayVideo:
         width, height = self._size
         self._writer.write(cv2.cvtColor(image[:height, :width], cv2.COLOR_RGB2BGR))
         self._n_written += 1
-
-
-def open_capture(video: Path) -> cv2.VideoCapture:
-    """Opens a video with FFmpeg, without OpenCV's limit of 30 s for a read, which a busy machine may exceed."""
-    no_limits = [cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, 0, cv2.CAP_PROP_READ_TIMEOUT_MSEC, 0]
-    return cv2.VideoCapture(str(video), cv2.CAP_FFMPEG, no_limits)
 
 
 def _n_frames(video: Path) -> int:

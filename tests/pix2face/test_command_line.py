@@ -2,6 +2,7 @@
 
 import io
 import os
+import signal
 import sys
 from contextlib import nullcontext, suppress
 from dataclasses import dataclass
@@ -95,8 +96,15 @@ def test_without_torch_the_line_that_installs_it(
         run(Command(CountConfig, "no_such_module:train"))
 
 
-def test_an_interruption_is_status_130(capsys: pytest.CaptureFixture[str]) -> None:
-    assert run(raising(KeyboardInterrupt())) == 130
+@pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_an_interruption_ends_a_command_in_one_line(
+    number: signal.Signals, status: int, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def interrupted(config: CountConfig) -> int:
+        os.kill(os.getpid(), number)
+        return 0
+
+    assert run(Command(CountConfig, interrupted)) == status
     assert capsys.readouterr().err == "program: interrupted; what was finished is kept\n"
 
 
@@ -200,6 +208,16 @@ def test_progress_counts_up_to_the_total() -> None:
     assert "faces" in stream.getvalue()
     assert "3/3" in stream.getvalue()
     assert "last" in stream.getvalue()
+
+
+def test_without_a_terminal_progress_is_a_line_from_time_to_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    stream, seconds = io.StringIO(), iter([0.0, 59.0, 61.0, 61.0, 100.0, 130.0, 130.0])
+    monkeypatch.setattr("pix2face.command_line.monotonic", lambda: next(seconds))
+    with progress_bar(Console(file=stream, width=120), "faces", 10) as advance:
+        for _ in range(4):
+            advance(2, note="warm")
+        said = stream.getvalue().splitlines()
+    assert said == ["faces: 4 of 10 warm", "faces: 8 of 10 warm"]
 
 
 def test_a_folder_is_made_with_its_parents_and_one_that_is_there_is_left(tmp_path: Path) -> None:

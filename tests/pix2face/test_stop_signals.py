@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from pix2face.stop_signals import SIGNALS, exit_status_of, first_signal
+from pix2face.stop_signals import SIGNALS, collected_signals, exit_status_of, first_signal
 
 
 @pytest.mark.parametrize("number", SIGNALS)
@@ -21,6 +21,13 @@ def test_the_first_signal_asks_and_work_goes_on(number: signal.Signals) -> None:
         assert asked == [number]
         assert [signal.getsignal(each) for each in SIGNALS] == [signal.SIG_DFL] * 2  # the next one ends it
     assert [signal.getsignal(each) for each in SIGNALS] == before
+
+
+def test_work_that_looks_for_signals_tells_at_once_that_one_came(capfd: pytest.CaptureFixture[str]) -> None:
+    with collected_signals() as found:
+        os.kill(os.getpid(), signal.SIGTERM)
+        assert "stopping after the step under way; a second signal ends the process" in capfd.readouterr().err
+    assert found == [signal.SIGTERM]
 
 
 def test_what_asking_raises_is_raised_in_the_block() -> None:

@@ -19,9 +19,9 @@ from pix2face.evaluation.benchmarks.benchmark_data import (
     picture_reader,
 )
 from pix2face.evaluation.benchmarks.manifest import Manifest
+from pix2face.files.images import open_capture
 from pix2face.files.opening import open_regular, read_regular
 from pix2face.geometry.landmarks import LARGEST_PTS_BYTES, N_IBUG68, read_pts
-from pix2face.tracking.video import open_capture
 
 ANNOTATIONS, ANNOTATIONS_3D = "annot", "annot3d"
 PICTURE_SUFFIXES = (".jpg", ".png", ".jpeg")

@@ -257,14 +257,23 @@ def test_no_face_is_one_line_and_the_rest_is_done(
     assert f"photographs: 2, faces: 1 -> {tmp_path / 'out'}" in lines
 
 
+@pytest.mark.parametrize(("turns", "how"), [(3, "counterclockwise by 90°"), (1, "clockwise by 90°")])
 def test_photographs_on_their_side_are_named_and_not_read(
-    untrained: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    untrained: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], turns: int, how: str
 ) -> None:
-    turned = write_picture(tmp_path / "turned.png", np.ascontiguousarray(np.rot90(astronaut(), 3)))
+    turned = write_picture(tmp_path / "turned.png", np.ascontiguousarray(np.rot90(astronaut(), turns)))
     options = ("--no-refine", "--checkpoint", untrained, "--out", tmp_path / "out")
     assert call("predict", turned, *options) == 3
-    assert f"{turned}: the face is not upright; turn the picture counterclockwise by 90°" in capsys.readouterr().err
+    assert f"{turned}: the face is not upright; turn the picture {how}" in capsys.readouterr().err
     assert call("predict", turned, "--box", "200", "200", "300", "300", *options) == 0
+
+
+def test_a_box_without_a_face_is_doubted(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    photograph = write_picture(tmp_path / "person.png", astronaut())
+    for box, is_doubted in (((10, 10, 20, 20), True), ((176, 83, 279, 174), False)):
+        assert call("fit", photograph, "--box", *box, "--mesh", "none", "--out", tmp_path / "out") == 0
+        doubt = f"warning: {photograph}: person-0: the network expects an error of "
+        assert (doubt in capsys.readouterr().err) == is_doubted
 
 
 def test_photographs_that_cannot_be_read_do_not_end_the_run(
@@ -405,5 +414,8 @@ def test_a_folder_and_a_pattern_stand_for_their_photographs(
     (tmp_path / "empty").mkdir()
     assert predict(tmp_path / "empty") == 2
     assert "in the folder, found none" in capsys.readouterr().err
+    (tmp_path / "empty" / "person-0.json").touch()
+    assert call("view", tmp_path / "empty") == 2
+    assert f"found none; name the fits in it as '{tmp_path}/empty/*.json'" in capsys.readouterr().err
     assert predict(folder / "*.gif") == 2
     assert f"{folder}/*.gif: expected a picture" in capsys.readouterr().err

@@ -145,9 +145,19 @@ def test_a_mirrored_z_is_an_error_in_3d(tmp_path, small_model, capsys):
     expected = (2 * np.abs(from_mean)).mean() / box
     assert stored_report(tmp_path)["table"][0]["all_images"]["mean"] == pytest.approx(0, abs=1e-9)
     assert rows3d(tmp_path)["predictions", "68"] == pytest.approx(expected)
+    assert (tmp_path / "out" / "curve3d.png").exists()
     (tmp_path / "out" / "landmarks.npz").rename(tmp_path / "p.npz")
     assert measure(tmp_path, *call, split="aflw2000-3d") == 0
     assert rows3d(tmp_path)["predictions", "68"] == pytest.approx(expected)
+
+
+def test_landmarks_of_the_picture_have_no_curve_in_3d(tmp_path, small_model):
+    names, points = write_aflw(tmp_path)
+    np.savez(tmp_path / "p.npz", names=names[1:], landmarks=points[1:, :, :2])  # one face is absent
+    assert measure(tmp_path, "--predictions", tmp_path / "p.npz", split="aflw2000-3d") == 0
+    assert rows3d(tmp_path) is None
+    assert (tmp_path / "out" / "curve.png").exists()
+    assert not (tmp_path / "out" / "curve3d.png").exists()
 
 
 def test_landmarks_of_two_dimensions_have_no_row_in_3d(tmp_path, small_model):

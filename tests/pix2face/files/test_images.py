@@ -156,11 +156,20 @@ def test_encoding_loses_nothing() -> None:
     np.testing.assert_array_equal(decode_image(encode_image(image), "here"), image)
 
 
-@pytest.mark.parametrize("content", [b"", b"no picture", jpeg(picture())[:20], b"\x89PNG\r\n\x1a\n"])
-def test_what_is_no_picture_is_named(tmp_path: Path, content: bytes) -> None:
+@pytest.mark.parametrize(
+    ("content", "found"),
+    [
+        (b"", "0 bytes that are none"),
+        (b"no picture", "10 bytes that are none"),
+        (jpeg(picture())[:20], "20 bytes with a damaged head"),
+        (jpeg(picture())[:-60], "a JPEG that is cut off or damaged"),
+        (encode_image(picture())[:60], "a PNG that is cut off or damaged"),
+    ],
+)
+def test_what_is_no_picture_is_named(tmp_path: Path, content: bytes, found: str) -> None:
     path = tmp_path / "broken.jpg"
     path.write_bytes(content)
-    with pytest.raises(InputFileError, match=rf"broken\.jpg: expected a picture .*found {len(content)} bytes"):
+    with pytest.raises(InputFileError, match=rf"broken\.jpg: expected a picture .*found {found}"):
         read_photograph(path)
     with pytest.raises(InputFileError, match="sample 7: expected a picture"):
         decode_image(content, "sample 7")

@@ -137,6 +137,18 @@ def test_constant_maps_have_a_name(model, frontal):
             )
 
 
+@pytest.mark.parametrize("wrong", [{"regularisation": -5.0}, {"reprojection_rounds": -1}])
+def test_options_that_no_fit_can_use_are_refused(model, frontal, wrong):
+    with pytest.raises(UsageError, match="found -"):
+        fit_face(frontal.maps, model, paper_fit(**wrong))
+
+
+def test_a_fit_is_shown_in_one_line(model, frontal):
+    fit = fit_face(frontal.maps, model, paper_fit(regularisation=1.0))
+    assert repr(fit) == f"<FaceFit to {model.name!r}: 68 landmarks, no box, expected error unknown>"
+    assert repr(model).startswith(f"<MorphableModel {model.name!r}: {len(model.mean)} vertices")
+
+
 def test_unknown_landmarks_are_refused(model, frontal):
     with pytest.raises(UsageError, match=r"'menpo84'.*found \['ibug68'\]"):
         fit_face(frontal.maps, model, paper_fit(regularisation=1.0), scheme="menpo84")

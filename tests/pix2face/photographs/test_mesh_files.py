@@ -45,7 +45,7 @@ def load(path: Path) -> trimesh.Trimesh:
 
 @pytest.mark.parametrize("suffix", [".obj", ".ply", ".glb"])
 def test_the_mesh_is_that_of_the_fit_in_mm(tmp_path: Path, suffix: str) -> None:
-    write_mesh(tmp_path / f"face{suffix}", FaceMesh(face(PLAIN), PLAIN))
+    write_mesh(str(tmp_path / f"face{suffix}"), FaceMesh(face(PLAIN), PLAIN))
     mesh = load(tmp_path / f"face{suffix}")
     np.testing.assert_array_equal(mesh.faces, PLAIN.triangles)
     np.testing.assert_allclose(mesh.vertices, face(PLAIN), atol=1e-3)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from pix2face.errors import InputFileError, UsageError
-from pix2face.files.images import encode_image
+from pix2face.files.images import encode_image, open_capture
 from pix2face.tracking.video import OverlayVideo, open_frames
 
 
@@ -136,6 +136,14 @@ def test_files_that_are_no_video_are_refused(tmp_path, name, content):
     (tmp_path / name).write_bytes(content)
     with pytest.raises(InputFileError, match=rf"a\.(mp4|avi): expected a video.*found {len(content)} bytes"):
         open_frames(tmp_path / name)
+
+
+def test_a_busy_machine_may_take_any_time_to_read_a_video(tmp_path, monkeypatch):
+    nothing, given = cv2.VideoCapture(), []
+    monkeypatch.setattr("cv2.VideoCapture", lambda name, backend, options: given.extend(options) or nothing)
+    open_capture(tmp_path / "a.mp4")
+    limits = dict(zip(given[::2], given[1::2], strict=True))
+    assert limits == {cv2.CAP_PROP_OPEN_TIMEOUT_MSEC: 0, cv2.CAP_PROP_READ_TIMEOUT_MSEC: 0}  # OpenCV's are 30 s
 
 
 def test_a_cut_off_video_says_so(tmp_path):
