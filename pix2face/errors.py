@@ -4,6 +4,10 @@ The command lines turn each of them into one line and an exit status. A message 
 where, and what to do.
 """
 
+import errno
+
+# Numbers of the OSError of a write that the disk or a limit does not allow.
+WRITE_ERRORS = (errno.ENOSPC, errno.EFBIG, errno.EDQUOT, errno.EIO, errno.EROFS)
 # A message may quote a file, whose names and numbers may be of any length.
 LONGEST_MESSAGE = 2000
 

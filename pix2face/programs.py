@@ -14,8 +14,7 @@ from threadpoolctl import threadpool_limits
 
 from pix2face import __version__
 from pix2face.command_line import EXIT_ERROR, printable
-from pix2face.errors import Pix2FaceError, UsageError
-from pix2face.files.writing import WRITE_ERRORS
+from pix2face.errors import WRITE_ERRORS, Pix2FaceError, UsageError
 from pix2face.stop_signals import StoppedBySignal, stopping_on_signals
 
 EXIT_BROKEN_PIPE = 1

@@ -1,6 +1,5 @@
 """Files that appear under their names only when they are complete."""
 
-import errno
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -8,8 +7,7 @@ from pathlib import Path
 from typing import final
 from uuid import uuid4
 
-# What a system answers to a write that the disk or a limit does not allow.
-WRITE_ERRORS = (errno.ENOSPC, errno.EFBIG, errno.EDQUOT, errno.EIO, errno.EROFS)
+from pix2face.errors import WRITE_ERRORS
 
 
 @contextmanager
