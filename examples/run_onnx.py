@@ -37,16 +37,19 @@ def read_face(session: onnxruntime.InferenceSession, rgb: np.ndarray, box: np.nd
     # A square around the centre of the box, several times as large as its longer side.
     pixel = header["crop_scale"] * max(box[2] - box[0], box[3] - box[1]) / size_px
     corner = (box[:2] + box[2:]) / 2 - pixel * size_px / 2
+    factor = max(1, int(pixel))  # large photographs are averaged first
+    small = cv2.resize(rgb, None, fx=1 / factor, fy=1 / factor, interpolation=cv2.INTER_AREA)
+    step, start = pixel / factor, corner / factor
     # OpenCV puts the centres of pixels at integers; everywhere else, the first one is at (0.5, 0.5).
-    from_crop = np.array([[pixel, 0, corner[0] + pixel / 2 - 0.5], [0, pixel, corner[1] + pixel / 2 - 0.5]])
-    crop = cv2.warpAffine(rgb, from_crop, (size_px, size_px), flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP)
+    from_crop = np.array([[step, 0, start[0] + step / 2 - 0.5], [0, step, start[1] + step / 2 - 0.5]])
+    crop = cv2.warpAffine(small, from_crop, (size_px, size_px), flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP)
     maps, landmarks = session.run(["maps", "landmarks"], {"image": as_input(crop)})
     planes = maps[0].transpose(1, 2, 0)
     return {
         "crop": crop,
         "pncc_mm": planes[..., :3] * header["pncc_scale_mm"],
         "offset_mm": planes[..., 3:6] * header["offset_scale_mm"],
-        "mask": planes[..., 6] > 0,
+        "mask": cv2.erode(np.uint8(planes[..., 6] > 0), np.ones((3, 3)), borderType=cv2.BORDER_REPLICATE) > 0,
         "landmarks_px": corner + pixel * size_px * (landmarks[0, :, :2] + 0.5),
         "errors_px": 2 * pixel * size_px * np.exp(landmarks[0, :, 2]),
     }

@@ -4,7 +4,7 @@ import os
 import signal
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, contextmanager, suppress
 from types import FrameType
 from typing import final
 
@@ -23,7 +23,7 @@ def signals_blocked() -> Iterator[None]:
 
 @contextmanager
 def first_signal(ask: Callable[[int], None]) -> Iterator[None]:
-    """While the block runs, the first signal asks.
+    """While the block runs, the first signal asks. Signals that the process ignores stay ignored.
 
     Elsewhere than in the main thread, where signals do not arrive, it does nothing.
 
@@ -35,11 +35,13 @@ def first_signal(ask: Callable[[int], None]) -> Iterator[None]:
         return
 
     def asked(number: int, frame: FrameType | None) -> None:
-        for other in SIGNALS:
+        for other in heard:
             signal.signal(other, signal.SIG_DFL)
         ask(number)
 
-    before = {number: signal.signal(number, asked) for number in SIGNALS}
+    # What a shell starts in the background ignores Ctrl-C, which is meant for others.
+    heard = [number for number in SIGNALS if signal.getsignal(number) is not signal.SIG_IGN]
+    before = {number: signal.signal(number, asked) for number in heard}
     try:
         yield
     finally:
@@ -55,7 +57,8 @@ def collected_signals() -> Iterator[list[int]]:
     def note(number: int) -> None:
         found.append(number)
         # Not through a stream or a console, which the signal may have interrupted in the middle of a write.
-        os.write(2, b"\nstopping after the step under way; a second signal ends the process at once\n")
+        with suppress(OSError):  # nobody reads it any more: that must not end the work
+            os.write(2, b"\nstopping after the step under way; a second signal ends the process at once\n")
 
     with first_signal(note):
         yield found

@@ -18,7 +18,7 @@ from numpy import ndarray
 from datagen.inspection.layer_pictures import LEGENDS, layer_mask, layer_picture, layer_title, region_colour
 from datagen.inspection.preview import landmark_legend, landmarks_in_sight, sample_picture, scaled
 from datagen.inspection.statistics_tables import own_file
-from pix2face.files.html_parts import data_url, policy_hash
+from pix2face.files.html_parts import data_url, policy_hash, script_data
 from pix2face.files.images import encode_image, encode_photograph
 from pix2face.shards.layers import LAYERS, SEEN_REGIONS
 from pix2face.shards.sample import Sample
@@ -49,9 +49,8 @@ def preview_page(title: str, samples: Iterable[tuple[ShardHeader, Sample]]) -> s
 
 
 def json_for_html(data: Any) -> str:
-    """JSON that can stand inside a script element: none of its characters can end the element or start another."""
-    text = json.dumps(data, allow_nan=False)
-    return text.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e")
+    """Data as JSON for a script element. NaN and infinity are refused."""
+    return script_data(json.dumps(data, allow_nan=False))
 
 
 def _page(title: str, data: Any) -> str:

@@ -46,7 +46,7 @@ def page(config: PageConfig) -> int:
     else:
         finder = export_detector(detector, half=True)
     own_model = with_own_landmarks(model, header) if config.landmarks is None else model
-    content = reader_page(PageNetworks(parts, header, finder, own_model, are_predicted=config.landmarks is None))
+    content = reader_page(PageNetworks(parts, header, finder, own_model, uses_own_landmarks=config.landmarks is None))
     write_file(config.out, content)
     say(Console(stderr=True), f"{len(content) / 1e6:.1f} MB -> {config.out}")
     return 0

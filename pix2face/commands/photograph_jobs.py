@@ -85,8 +85,8 @@ class Tally:
         error = fitted.expected_error
         if error is not None and error > PLAUSIBLE_ERROR:
             self.warnings.append(
-                f"warning: {face.path}: {face.name}: the network expects an error of {error:.0%} of the face's size; "
-                "is there a face in its box?"
+                f"warning: {face.path}: {face.name}: the network expects an error of {100 * error:.0f} % of the face's "
+                "size; is there a face in its box?"
             )
 
     def report(self, console: Console, where: Path) -> int:

@@ -15,8 +15,8 @@ def data_url(kind: str, content: bytes) -> str:
 
 
 def script_data(text: str) -> str:
-    """JSON for a script element, which "<" could end; nothing else is special there."""
-    return text.replace("<", "\\u003c")
+    """JSON for a script element: none of its characters can end the element or start another."""
+    return text.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e")
 
 
 def policy_hash(text: str) -> str:

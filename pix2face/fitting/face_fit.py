@@ -59,7 +59,7 @@ class FaceFit:
     def __repr__(self) -> str:
         """The face in one line, without its arrays."""
         box = "no box" if self.box is None else "box " + ", ".join(f"{side:.0f}" for side in astuple(self.box))
-        error = "unknown" if self.expected_error is None else f"{self.expected_error:.1%}"
+        error = "unknown" if self.expected_error is None else f"{100 * self.expected_error:.1f} %"
         return f"<FaceFit to {self.model.name!r}: {len(self.landmarks2d)} landmarks, {box}, expected error {error}>"
 
     @cached_property

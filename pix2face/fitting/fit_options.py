@@ -71,7 +71,7 @@ class FitOptions:
                 contour.
         """
         if self.contour not in get_args(Contour):
-            raise UsageError(f"expected a contour of {', '.join(get_args(Contour))}, found {self.contour!r}")
+            raise UsageError(f"expected --contour of {', '.join(get_args(Contour))}, found {self.contour!r}")
         if self.regularisation != "estimate" and not 0 < self.regularisation < math.inf:
             raise UsageError(f"expected a positive --regularisation in mm^2, or estimate, found {self.regularisation}")
         if not 0 <= self.reprojection_rounds <= MOST_REPROJECTION_ROUNDS:

@@ -23,7 +23,7 @@ CORRECTION: Final = "correction."
 DESCRIPTION: Final = (
     "image: RGB crop of a face, pixel / 255 - 0.5, (batch, 3, size, size). maps: PNCC x, y, z times pncc_scale_mm and "
     "offset x, y, z times offset_scale_mm are millimetres in the model's frame; a pixel is face where plane 6, "
-    "where there is one, is above 0, else where |PNCC| exceeds smallest_radius_mm / 2, eroded by one pixel "
+    "where there is one, is above 0, else where |PNCC| exceeds smallest_radius_mm / 2; both eroded by one pixel "
     "(not where the picture ends); plane 7, where there is one, is above 0 where the face is seen; plane 8, where "
     "there is one, is the logarithm of the expected error of PNCC, in its unit. landmarks, where the network "
     "predicts them: x and y from the middle of the crop, and the logarithm of the scale of their error, in units of "
@@ -123,7 +123,7 @@ def load_onnx(path: Path) -> tuple[CheckpointHeader, Network]:
         if header.n_landmarks:
             expected[LANDMARKS_NAME] = [header.n_landmarks, LANDMARK_NUMBERS]
         if session.shapes != expected:
-            raise ValueError(f"expected {expected}, found {session.shapes}")
+            raise ValueError("inputs and outputs are not those of the header")
     return header, _OnnxNetwork(session)
 
 

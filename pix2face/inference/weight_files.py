@@ -75,8 +75,8 @@ def header_fits_weights(path: Path, what: str) -> Iterator[None]:
     """
     try:
         yield
-    except (KeyError, TypeError, ValueError, RuntimeError) as error:
-        reason = str(error).splitlines()[0]
+    except (ValueError, RuntimeError) as error:  # RuntimeError: of torch
+        reason = (str(error).splitlines() or [type(error).__name__])[0]
         raise InputFileError(
             f"{path}: header and weights do not make a {what} ({reason}); train or fetch it again"
         ) from error

@@ -40,7 +40,7 @@ class PageNetworks:
     header: CheckpointHeader  # of the network
     detector: bytes  # ONNX
     model: MorphableModel  # the model of the network, whose landmarks are shown
-    are_predicted: bool  # whether these landmarks are those that the network predicts itself, if it predicts any
+    uses_own_landmarks: bool  # those of the network or the model, and not others that the user named
 
 
 def reader_page(networks: PageNetworks) -> bytes:
@@ -102,7 +102,8 @@ def _settings(networks: PageNetworks) -> dict[str, Any]:
             "plausible_mm": PLAUSIBLE_MM,
             "plausible_error": PLAUSIBLE_ERROR,
             "landmarks_output": LANDMARKS_NAME,
-            "are_predicted": networks.are_predicted and header.n_landmarks == len(model.landmarks[IBUG68]),
+            "mixes_predicted_landmarks": networks.uses_own_landmarks
+            and header.n_landmarks == len(model.landmarks[IBUG68]),
             "error_of_scale": ERROR_OF_FIT * MEAN_OF_SCALE,
             "plausible_overlap": PLAUSIBLE_OVERLAP,
             "seen_mm": SEEN_MM,

@@ -22,10 +22,11 @@ from pix2face.models.morphable_model import MorphableModel
 from pix2face.models.rasterise import rasterise
 from pix2face.models.surface_attributes import facing
 
-# The smallest texture with this number of texels for the face is taken: three times as many as a crop has pixels.
+# The smallest texture is taken that has this many texels for the face (three times as many as a crop has pixels), and
+# as many as the photograph has pixels in the box of its landmarks.
 FACE_TEXELS = 180_000
-TEXTURE_SIZES_PX = (512, 1024, 2048)
-# The photograph is sampled at this size: finer than any texel of a face, and coarse enough for large photographs.
+TEXTURE_SIZES_PX = (512, 1024, 2048, 4096)
+# The face is cut out of the photograph at this size, or at half that of a larger texture: finer than any texel of it.
 PICTURE_PX = 1024
 DEPTH_PX = 512
 # A point is seen unless something is nearer by more than this, which allows for half a millimetre a pixel and slopes.
@@ -97,11 +98,13 @@ class PhotographColours:
         DegenerateGeometryError: The face has no extent in the image, or is not in front of the camera.
     """
 
-    def __init__(self, image: UInt8[ndarray, "h w 3"], fit: FaceFit, model: MorphableModel) -> None:
+    def __init__(
+        self, image: UInt8[ndarray, "h w 3"], fit: FaceFit, model: MorphableModel, picture_px: int = PICTURE_PX
+    ) -> None:
         box = FaceBox.around(fit.camera.project(fit.vertices[model.is_face_vertex].astype(np.float64)))
         self._model = model
         self._vertices = fit.vertices.astype(np.float64)
-        self._to_picture = square_crop(box, 1.1, PICTURE_PX)
+        self._to_picture = square_crop(box, 1.1, picture_px)
         self._picture = crop_image(image, self._to_picture).astype(np.float32)
         self._inside = crop_image(np.full(image.shape[:2], 255, np.uint8), self._to_picture)
         self._camera = fit.camera
@@ -192,7 +195,8 @@ def face_texture(
 ) -> UInt8[ndarray, "s s 3"]:
     """A texture in the model's own texture coordinates (u right, v up), from a photograph.
 
-    Without a size, its side is fine enough for the face, whose part of the texture depends on the model.
+    Without a size, its side is fine enough for the photograph and the face, whose part of the texture depends on the
+    model.
 
     Raises:
         DegenerateGeometryError: As ``PhotographColours``.
@@ -202,8 +206,11 @@ def face_texture(
         raise UsageError(
             f"expected texture coordinates in the model {model.name!r}, found none; take vertex colours instead"
         )
-    layout = _texture_layout(model, size_px or _fine_enough(model.uv, model.uv_triangles[model.is_face_triangle]))
-    colours = PhotographColours(image, fit, model)
+    if size_px is None:
+        n_texels = max(FACE_TEXELS, np.prod(np.ptp(fit.landmarks2d, axis=0)))
+        size_px = _fine_enough(model.uv, model.uv_triangles[model.is_face_triangle], n_texels)
+    layout = _texture_layout(model, size_px)
+    colours = PhotographColours(image, fit, model, max(PICTURE_PX, size_px // 2))
     texture = np.tile(np.rint(colours.skin).astype(np.uint8), (layout.size_px**2, 1))
     texture[layout.drawn] = colours.at(layout.points)
     texture[layout.around] = texture[layout.nearest]
@@ -262,10 +269,10 @@ def _share_of_photograph(model: MorphableModel) -> Float64[ndarray, " v"]:
     return share
 
 
-def _fine_enough(uv: Float32[ndarray, "u 2"], triangles: Int[ndarray, "t 3"]) -> int:
+def _fine_enough(uv: Float32[ndarray, "u 2"], triangles: Int[ndarray, "t 3"], n_texels: float) -> int:
     (x0, y0), (x1, y1), (x2, y2) = (uv[triangles[:, corner]].T.astype(np.float64) for corner in range(3))
     area = 0.5 * np.abs((x1 - x0) * (y2 - y0) - (x2 - x0) * (y1 - y0)).sum()
-    return next((size for size in TEXTURE_SIZES_PX if area * size**2 >= FACE_TEXELS), TEXTURE_SIZES_PX[-1])
+    return next((size for size in TEXTURE_SIZES_PX if area * size**2 >= n_texels), TEXTURE_SIZES_PX[-1])
 
 
 def _depths(fit: FaceFit, model: MorphableModel, crop: Crop) -> tuple[Camera, Float32[ndarray, "s s 3"]]:

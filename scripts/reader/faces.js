@@ -50,7 +50,7 @@ async function readFace(look, halves, settings) {
   const camera = fitCamera(maps, crop, settings.size_px);
   if (!camera) return null;
   const landmarks = landmarksOfMaps(maps, camera, crop, settings);
-  if (settings.are_predicted) {
+  if (settings.mixes_predicted_landmarks) {
     // The errors of the two differ, so the middle is more exact than either (docs/how_to/browser_page.md).
     const predicted = predictedLandmarks(look, settings);
     for (const [i, landmark] of landmarks.entries()) {

@@ -67,7 +67,7 @@ def main() -> None:
         "largest expected error in their true boxes": round(max(expected, default=0.0), 3),
         "each": {name: round(100 * error, 2) for name, error in sorted(errors.items(), key=lambda item: -item[1])},
     }
-    write_report(report)
+    write_report(report, options.out)
 
 
 def _rough(box: FaceBox) -> FaceBox:

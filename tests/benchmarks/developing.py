@@ -23,7 +23,7 @@ def main() -> None:
     cv2.setNumThreads(1)
     presets = {"default": PhotographConfig(), "hard": HARD_PHOTOGRAPH}
     report = {name: measure(config, options.size, options.n) for name, config in presets.items()}
-    write_report({"size_px": options.size, "n": options.n, **report})
+    write_report({"size_px": options.size, "n": options.n, **report}, options.out)
 
 
 def measure(config: PhotographConfig, size_px: int, n: int) -> dict[str, object]:

@@ -26,7 +26,7 @@ def main() -> None:
     parser = options_parser(__doc__)
     parser.add_argument("--people", type=int, default=60)
     options = parser.parse_args()
-    write_report({"melanin": _sweep(), **_drawn(options.people)})
+    write_report({"melanin": _sweep(), **_drawn(options.people)}, options.out)
 
 
 def individual_typology_angle_deg(colour: Float[ndarray, "*n 3"]) -> Float64[ndarray, " *n"]:

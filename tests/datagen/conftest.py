@@ -40,7 +40,7 @@ def in_this_process(on_report: process_pool.OnReport) -> Iterator[Executor]:
         yield ThisProcess()
 
 
-@pytest.fixture(scope="session", autouse=True)
+@pytest.fixture(scope="package", autouse=True)
 def one_worker_is_this_process() -> Iterator[None]:
     """Starting a process takes seconds, and drawing a sample milliseconds. Pools of more workers are real."""
     real = executors.process_pool

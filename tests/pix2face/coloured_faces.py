@@ -76,22 +76,12 @@ def colour_predictor(model: MorphableModel, size_px: int = 96, *, says_seen: boo
 
 
 class BlobDetector:
-    """Takes every blob that is not black for a face; its boxes are the blobs', which are larger than the landmarks'.
-
-    ``missing`` frames (calls, counted from 0) have no face to it.
-    """
-
-    def __init__(self, missing: Sequence[int] = ()) -> None:
-        self.calls = 0
-        self._missing = set(missing)
+    """Takes every blob that is not black for a face; its boxes are the blobs', which are larger than the landmarks'."""
 
     def detect(self, image: ndarray) -> list[FaceBox]:
         return sure_boxes(self.candidates(image))
 
     def candidates(self, image: ndarray) -> list[DetectedFace]:
-        self.calls += 1
-        if self.calls - 1 in self._missing:
-            return []
         bright = (image.max(axis=2) > 40).astype(np.uint8)
         count, _, stats, _ = cv2.connectedComponentsWithStats(bright)
         faces = []

@@ -32,9 +32,9 @@ def test_from_shards_to_a_checkpoint(shards_dir, tmp_path, capsys):
     assert "2 epochs of 4 pictures" in said
     assert "next: evaluate --help" in said
     assert main(arguments) == 0
-    assert "2 done" in capsys.readouterr().err
+    assert ", 16 pictures done" in capsys.readouterr().err
     assert main(["--config", str(tmp_path / "run" / "configuration.json")]) == 0
-    assert "2 done" in capsys.readouterr().err
+    assert ", 16 pictures done" in capsys.readouterr().err
     assert main(["--config", str(tmp_path / "run" / "configuration.json"), "--out", str(tmp_path / "again")]) == 0
     first, again = (load_checkpoint(tmp_path / name / "checkpoint.safetensors")[1] for name in ("run", "again"))
     for own, other in zip(first.parameters(), again.parameters(), strict=True):

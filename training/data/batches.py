@@ -23,8 +23,6 @@ LARGEST_BYTE = 255
 # Type and shape of tensors by name, in the order in which they lie in memory: larger types first.
 Layout = Mapping[str, tuple[torch.dtype, tuple[int, ...]]]
 
-B = TypeVar("B", bound="TrainingBatch")
-
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class TrainingBatch(ABC):
@@ -37,20 +35,23 @@ class TrainingBatch(ABC):
     def __len__(self) -> int:
         return len(next(iter(vars(self).values())))
 
-    def __getitem__(self: B, rows: slice) -> B:
+    def __getitem__(self: "B", rows: slice) -> "B":
         """Some of the samples, not copied."""
         return self._each(lambda part: part[rows])
 
-    def to(self: B, device: torch.device | str, *, non_blocking: bool = False) -> B:
+    def to(self: "B", device: torch.device | str, *, non_blocking: bool = False) -> "B":
         """Returns the batch on another device."""
         return self._each(lambda part: part.to(device, non_blocking=non_blocking))
 
-    def pin_memory(self: B) -> B:
+    def pin_memory(self: "B") -> "B":
         """Returns the batch in pinned memory, from which a GPU copies by itself."""
         return self._each(lambda part: part.pin_memory())
 
-    def _each(self: B, change: Callable[[Any], Any]) -> B:
+    def _each(self: "B", change: Callable[[Any], Any]) -> "B":
         return replace(self, **{name: None if part is None else change(part) for name, part in vars(self).items()})
+
+
+B = TypeVar("B", bound=TrainingBatch)
 
 
 class Draws(ABC, Generic[B]):
@@ -131,7 +132,7 @@ def target_planes(batch: Batch, pncc_scale_mm: float, offset_scale_mm: float) ->
 
 
 def batch_layout(n_samples: int, size_px: int, *, has_seen: bool, n_landmarks: int = 0) -> Layout:
-    """The tensors of a batch of pictures of a size, each with so many landmarks."""
+    """The tensors of a batch of pictures of a size, each with ``n_landmarks`` landmarks."""
     square = (n_samples, size_px, size_px)
     layout: Layout = {
         "landmarks2d": (torch.float32, (n_samples, n_landmarks, 2)),

@@ -24,7 +24,8 @@ class SharedCache:
     """Numbered pieces of bytes, from 0 to ``n_places``, which are written once and never changed.
 
     Together they take at most ``budget_bytes``; memory is taken as they come. A cache can be given to another process
-    only as an argument when that process is started.
+    only as an argument when that process is started. One thread of each process may write: the lock keeps out other
+    processes only.
     """
 
     def __init__(self, n_places: int, budget_bytes: int) -> None:

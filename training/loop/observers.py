@@ -41,7 +41,7 @@ class RunLog(ABC):
 
     @abstractmethod
     def log(self, values: Mapping[str, float], samples: int) -> None:
-        """Logs values by name, after so many samples."""
+        """Logs values by name, after ``samples`` samples."""
 
     @abstractmethod
     def close(self) -> None:

@@ -81,11 +81,13 @@ class StepRecipe:
             UsageError: One does not.
         """
         for name in ("batch_size", "parts", "epochs", "epoch_size", "learning_rate"):
-            if not 0 < getattr(self, name) < math.inf:
-                raise UsageError(f"{_option(name)}: expected more than 0, found {getattr(self, name)}")
+            value = getattr(self, name)
+            if not 0 < value < math.inf:
+                raise UsageError(f"{_option(name)}: expected a finite number above 0, found {value}")
         for name in ("warm_up", "clip", "norm_batches"):
-            if not 0 <= getattr(self, name) < math.inf:
-                raise UsageError(f"{_option(name)}: expected 0 or more, found {getattr(self, name)}")
+            value = getattr(self, name)
+            if not 0 <= value < math.inf:
+                raise UsageError(f"{_option(name)}: expected a finite number of at least 0, found {value}")
         if not 0 <= self.ema < 1:
             raise UsageError(f"--ema: expected 0 or more and less than 1, found {self.ema}")
         if not 0 <= self.seed <= LARGEST_SEED:

@@ -24,7 +24,7 @@ from pix2face.shards.layers import DEFAULT_LAYERS, LAYER_NAMES, LAYERS, WHOLE_PI
 from pix2face.shards.sample import Sample
 from pix2face.shards.shard_reader import ShardHeader
 from pix2face.shards.shard_writing import write_shard
-from tests.browser import visit
+from tests.browser import opened_browser
 
 HOSTILE = "</script><script>alert(1)</script><img src=x onerror=alert(2)>&lt;\u2028\"'"
 
@@ -222,9 +222,10 @@ def in_a_browser(page: str, folder: Path) -> str:
     """The page after its script has run; what the console says goes to an AssertionError."""
     file = folder / "page.html"
     file.write_text(page, encoding="utf-8")
-    seen = visit(file, folder)
-    assert seen.console == []
-    return seen.document
+    with opened_browser(folder, ["--disable-gpu"]) as browser:
+        browser.show(file)
+        assert browser.console == []
+        return str(browser.evaluate("document.documentElement.outerHTML"))
 
 
 def test_a_browser_shows_the_page_without_complaint(shards: Path, tmp_path: Path) -> None:

@@ -17,6 +17,7 @@ import pytest
 from pix2face.commands import track_cli
 from pix2face.commands.cli import main
 from pix2face.detectors import detection
+from pix2face.detectors.protocol import DetectedFace
 from pix2face.evaluation.subjects.predictions_file import read_tracks
 from pix2face.files.images import encode_image
 from pix2face.geometry.landmarks import read_pts
@@ -142,9 +143,10 @@ def test_a_video_gives_what_its_frames_give(tmp_path, frames):
     with OverlayVideo(tmp_path / "a.mp4", 25) as video:
         for image in open_frames(frames).frames():
             video.write(image)
-    for name, source in (("p", frames / "%04d.png"), ("v", tmp_path / "a.mp4")):
+    for name, source in (("f", frames), ("p", frames / "%04d.png"), ("v", tmp_path / "a.mp4")):
         assert track(source, "--out", tmp_path / name, "--write", "csv") == 0
-    pattern, film = (rows_of(tmp_path / name / "landmarks.csv") for name in "pv")
+    folder, pattern, film = (rows_of(tmp_path / name / "landmarks.csv") for name in "fpv")
+    assert folder == pattern
     assert len(film) == N_FRAMES
     for a, b in zip(pattern, film, strict=True):  # colours, which are the geometry here, suffer from the codec
         assert np.abs(landmarks_of(a) - landmarks_of(b)).mean() < 3
@@ -173,7 +175,10 @@ def test_boxes_of_a_few_frames_lead_through_the_whole_clip(tmp_path, frames):
 
 
 def test_frames_without_a_detection_are_flagged(tmp_path, frames, monkeypatch):
-    monkeypatch.setattr(track_cli, "open_detector", lambda *call: BlobDetector(missing=(0, 3, 4, 7)))
+    def find(index: int, image: np.ndarray) -> list[DetectedFace]:
+        return [] if index in (0, 3, 4, 7) else BlobDetector().candidates(image)
+
+    monkeypatch.setattr(track_cli, "_finder", lambda config, source: find)
     assert track(frames, "--out", tmp_path, "--write", "csv,npz") == 0
     flags = [row["box"] for row in rows_of(tmp_path / "landmarks.csv")]
     assert flags == ["held", "detected", "detected", "interpolated", "interpolated", "detected", "detected", "held"]

@@ -18,7 +18,8 @@ from pix2face.detectors.protocol import DetectedFace, overlap, sure_boxes, witho
 from pix2face.errors import InputFileError, UsageError
 from pix2face.files.images import encode_image, read_photograph
 from pix2face.geometry.crops import FaceBox
-from tests.benchmarks.detection import annotated_faces, measure
+from tests.benchmarks.detection import measure
+from tests.benchmarks.face_finding import annotated_photographs
 
 ASTRONAUT = np.ascontiguousarray(astronaut()[:256, 94:350])
 # Read off the picture: brows at y 95, chin at y 170, the sides of the face at x 86 and 171.
@@ -174,7 +175,9 @@ def test_what_is_left_without_doubles_overlaps_little_and_covers_the_rest(faces)
 # a grey level.
 @pytest.mark.parametrize(("name", "least_found", "most_false", "least_overlap"), [("cnn", 40, 30, 0.7)])
 def test_recall_and_box_error_on_annotated_photographs(shared_dir, name, least_found, most_false, least_overlap):
-    figures = measure(open_detector(name).detect, annotated_faces(shared_dir / "data" / "dlib_faces"))
+    photographs = annotated_photographs(shared_dir / "data" / "dlib_faces")
+    faces = {path: [box for box, _ in own] for path, own in photographs.items()}
+    figures = measure(open_detector(name).detect, faces)
     assert figures["faces"] == 43
     assert figures["found"] >= least_found
     assert figures["false_boxes"] <= most_false

@@ -151,6 +151,24 @@ def test_a_mirrored_z_is_an_error_in_3d(tmp_path, small_model, capsys):
     assert rows3d(tmp_path)["predictions", "68"] == pytest.approx(expected)
 
 
+def test_the_curve_in_3d_has_the_unit_of_the_table(tmp_path, small_model, monkeypatch):
+    names, points = write_aflw(tmp_path)
+    np.savez(tmp_path / "p.npz", names=names, landmarks=points * [1, 1, 1.01])
+    drawn = {}
+    monkeypatch.setattr(
+        "pix2face.evaluation.report.report_pictures._curves_png",
+        lambda curves, title, label, n: drawn.update({label: curves["predictions, 68 points"]}) or b"\x89PNG",
+    )
+    assert measure(tmp_path, "--predictions", tmp_path / "p.npz", split="aflw2000-3d") == 0
+    ((label, curve),) = ((own, curve) for own, curve in drawn.items() if "in 3D" in own)
+    assert label.endswith(
+        "after alignment (depth),\n% of the sqrt(width x height) of the tight box of the true 68 points"
+    )
+    mean = 100 * rows3d(tmp_path)["predictions", "68"]
+    assert 0 < mean < curve[-1, 0]
+    assert curve[curve[:, 0] > 2 * mean, 1].min() == 100
+
+
 def test_landmarks_of_the_picture_have_no_curve_in_3d(tmp_path, small_model):
     names, points = write_aflw(tmp_path)
     np.savez(tmp_path / "p.npz", names=names[1:], landmarks=points[1:, :, :2])  # one face is absent

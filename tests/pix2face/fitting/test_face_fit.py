@@ -143,6 +143,13 @@ def test_options_that_no_fit_can_use_are_refused(model, frontal, wrong):
         fit_face(frontal.maps, model, paper_fit(**wrong))
 
 
+def test_a_contour_that_does_not_exist_is_refused():
+    options = paper_fit(regularisation=1.0)
+    object.__setattr__(options, "contour", "3d")  # as without the type checks of the tests
+    with pytest.raises(UsageError, match="expected --contour of off, 2d, found '3d'"):
+        options.check()
+
+
 def test_a_fit_is_shown_in_one_line(model, frontal):
     fit = fit_face(frontal.maps, model, paper_fit(regularisation=1.0))
     assert repr(fit) == f"<FaceFit to {model.name!r}: 68 landmarks, no box, expected error unknown>"

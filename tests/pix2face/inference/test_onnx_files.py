@@ -198,9 +198,9 @@ def test_a_network_of_somebody_else_is_named(exported: Path, tmp_path: Path) -> 
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"size_px": 64}, "header and weights do not make a network"),
-        ({"planes": 7}, "header and weights do not make a network"),
-        ({"n_landmarks": 68}, "header and weights do not make a network"),
+        ({"size_px": 64}, "expected the paper's widths for 64 px"),
+        ({"planes": 7}, "inputs and outputs are not those of the header"),
+        ({"n_landmarks": 68}, "expected neither landmarks nor corrections of the paper's network"),
         ({"schema_version": 99}, "schema 99 is newer"),
     ],
 )

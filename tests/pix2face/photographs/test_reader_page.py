@@ -122,8 +122,8 @@ def test_landmarks_of_the_user_are_not_mixed_with_predicted_ones(page: Path, tmp
     content = {"format": "pix2face-landmarks", "schema_version": 1, "scheme": IBUG68, "vertices": list(range(68))}
     own.write_text(json.dumps(content | {"model": {"name": model.name, "sha256": model.sha256}}))
     assert main(["page", "--landmarks", str(own), "--out", str(out)]) == 0
-    assert '"are_predicted": true' in page.read_text()
-    assert '"are_predicted": false' in out.read_text()
+    assert '"mixes_predicted_landmarks": true' in page.read_text()
+    assert '"mixes_predicted_landmarks": false' in out.read_text()
 
 
 def test_the_picture_shows_landmarks_and_maps(browser: OpenPage, tmp_path: Path) -> None:

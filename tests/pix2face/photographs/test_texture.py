@@ -214,9 +214,18 @@ def test_texels_have_the_colours_of_their_points(yaw_deg: float) -> None:
 def test_a_texture_is_as_fine_as_the_face_in_it_needs() -> None:
     fit = fitted(TEXTURED, turned(0))
     assert TEXTURED.uv is not None
-    for scale, size in ((1.0, 1024), (0.05, 2048)):
+    for scale, size in ((1.0, 1024), (0.25, 4096)):
         model = replace(TEXTURED, uv=TEXTURED.uv * np.float32(scale))
         assert face_texture(np.zeros((8, 8, 3), np.uint8), fit, model).shape == (size, size, 3)
+
+
+@pytest.mark.parametrize(("enlargement", "size"), [(1, 1024), (4, 2048)])
+def test_a_large_photograph_has_a_fine_texture(enlargement: int, size: int) -> None:
+    fit = fitted(TEXTURED, turned(0)).transformed(np.diag([enlargement, enlargement, 1.0]))
+    stripes = np.where(np.arange(400 * enlargement) % 4 < 2, 60, 200).astype(np.uint8)
+    texture = face_texture(np.tile(stripes[:, None, None], (1, len(stripes), 3)), fit, TEXTURED)
+    assert texture.shape == (size, size, 3)
+    assert np.quantile(texture, 0.99) - np.quantile(texture, 0.01) > 80  # the stripes are not blurred
 
 
 def test_texture_coordinates_beside_the_texture_leave_it_plain() -> None:

@@ -24,7 +24,7 @@ from pix2face.tracking.clip_fit import FrameFitter, SettledFace, box_to_box, exp
 from pix2face.tracking.clip_identity import ClipIdentity, find_identities
 from pix2face.tracking.face_follower import FaceFollower, TrackedFrame, find_boxes, follow_faces
 from pix2face.tracking.face_tracks import FaceTracker, FrameBox, boxes_of_every_frame, main_face, read_boxes
-from pix2face.tracking.smoothing import open_smoother
+from pix2face.tracking.smoothing import SPLINE_REACH, open_smoother
 from pix2face.tracking.track_summary import ClipFace, face_report, face_summary
 from pix2face.tracking.video import FrameSource, open_frames
 from tests.fits import paper_fit
@@ -62,11 +62,13 @@ def run(
     forget: bool = False,
 ) -> tuple[Iterable[TrackedFrame], FaceFollower]:
     fitter = FrameFitter(colour_predictor(clip.model), clip.model, refine=refine)
-    detector = BlobDetector(missing)
+    detector = BlobDetector()
     path = out / "boxes.csv"
     with path.open("w") as file:
         tracker = FaceTracker(file, clip.source.fps)
-        n_frames = find_boxes(clip.source, lambda index, image: detector.detect(image), tracker)
+        n_frames = find_boxes(
+            clip.source, lambda index, image: [] if index in missing else detector.detect(image), tracker
+        )
     tracks = main_face(tracker.tracks)
     numbers = [own.track for own in tracks]
     detected = [(read_boxes(path, numbers), sum(own.n_detected for own in tracks))]
@@ -232,12 +234,12 @@ def test_few_frames_are_in_memory_at_a_time(clip, tmp_path, monkeypatch):
     monkeypatch.setattr(video, "read_photograph", read)
     longer = replace(clip.source, n_announced=60, pictures=clip.source.pictures * 3)
     n_done = 0
-    for _ in run(Clip(clip.model, longer, clip.landmarks), tmp_path, smoothing="mean3", keep=False)[0]:
+    for _ in run(Clip(clip.model, longer, clip.landmarks), tmp_path, smoothing="spline", keep=False)[0]:
         n_done += 1
     assert n_done == 60
     # Five chunks: being refined, measured and written, and one between each two; frames decoded ahead, and those that
-    # the smoother waits for, which is one.
-    assert most <= 5 * FACES_AT_A_TIME + video.FRAMES_DECODED_AHEAD + 1 + 2
+    # the smoother waits for.
+    assert most <= 5 * FACES_AT_A_TIME + video.FRAMES_DECODED_AHEAD + SPLINE_REACH + 2
 
 
 def test_two_faces_stay_apart(tmp_path):
