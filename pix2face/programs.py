@@ -7,6 +7,7 @@ import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from signal import SIGINT, SIGTERM
 from typing import Annotated, Any, cast, final
 
 import tyro
@@ -15,7 +16,7 @@ from threadpoolctl import threadpool_limits
 from pix2face import __version__
 from pix2face.command_line import EXIT_ERROR, printable
 from pix2face.errors import WRITE_ERRORS, Pix2FaceError, UsageError
-from pix2face.stop_signals import StoppedBySignal, stopping_on_signals
+from pix2face.stop_signals import StoppedBySignal, exit_status_of, stopping_on_signals
 
 EXIT_BROKEN_PIPE = 1
 
@@ -108,7 +109,7 @@ def run_commands(
         chosen = commands[given[0]]
         return run_commands(f"{program} {given[0]}", _first_line(chosen), {"": chosen}, given[1:])
     try:
-        with stopping_on_signals():
+        with stopping_on_signals([SIGTERM]):  # Python itself turns SIGINT into KeyboardInterrupt
             status = _run(program, description, commands, given)
         sys.stdout.flush()  # here, since an error at exit could not be reported
         return status
@@ -124,9 +125,9 @@ def run_commands(
         found = f" ({printable(str(error))})" if str(error) else ""
         sys.stderr.write(f"{program}: error: more memory is needed than there is{found}; ask for less at a time\n")
         return EXIT_ERROR
-    except StoppedBySignal as stop:
+    except (KeyboardInterrupt, StoppedBySignal) as stop:
         sys.stderr.write(f"{program}: interrupted; what was finished is kept\n")
-        return stop.exit_status
+        return exit_status_of(SIGINT) if isinstance(stop, KeyboardInterrupt) else stop.exit_status
 
 
 def _with_its_place(error: Pix2FaceError | OSError) -> Pix2FaceError | OSError:

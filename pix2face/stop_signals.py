@@ -3,7 +3,7 @@
 import os
 import signal
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, suppress
 from types import FrameType
 from typing import final
@@ -22,26 +22,25 @@ def signals_blocked() -> Iterator[None]:
 
 
 @contextmanager
-def first_signal(ask: Callable[[int], None]) -> Iterator[None]:
-    """While the block runs, the first signal asks. Signals that the process ignores stay ignored.
+def first_signal(ask: Callable[[int], None], numbers: Sequence[signal.Signals] = SIGNALS) -> Iterator[None]:
+    """While the block runs, the first signal asks.
 
     Elsewhere than in the main thread, where signals do not arrive, it does nothing.
 
     Args:
         ask: Is given the signal's number; what it raises is raised in the block.
+        numbers: The signals.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
         return
 
     def asked(number: int, frame: FrameType | None) -> None:
-        for other in heard:
+        for other in numbers:
             signal.signal(other, signal.SIG_DFL)
         ask(number)
 
-    # What a shell starts in the background ignores Ctrl-C, which is meant for others.
-    heard = [number for number in SIGNALS if signal.getsignal(number) is not signal.SIG_IGN]
-    before = {number: signal.signal(number, asked) for number in heard}
+    before = {number: signal.signal(number, asked) for number in numbers}
     try:
         yield
     finally:
@@ -82,10 +81,10 @@ class StoppedBySignal(BaseException):
         self.exit_status = exit_status_of(number)
 
 
-def stopping_on_signals() -> AbstractContextManager[None]:
+def stopping_on_signals(numbers: Sequence[signal.Signals] = SIGNALS) -> AbstractContextManager[None]:
     """Raises StoppedBySignal at the first signal, whatever is under way; the second ends the process at once."""
 
     def stop(number: int) -> None:
         raise StoppedBySignal(number)
 
-    return first_signal(stop)
+    return first_signal(stop, numbers)

@@ -96,15 +96,18 @@ def test_without_torch_the_line_that_installs_it(
         run(Command(CountConfig, "no_such_module:train"))
 
 
-@pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
-def test_an_interruption_ends_a_command_in_one_line(
-    number: signal.Signals, status: int, capsys: pytest.CaptureFixture[str]
-) -> None:
-    def interrupted(config: CountConfig) -> int:
-        os.kill(os.getpid(), number)
-        return 0
+def terminated(config: CountConfig) -> int:
+    os.kill(os.getpid(), signal.SIGTERM)
+    return 0
 
-    assert run(Command(CountConfig, interrupted)) == status
+
+@pytest.mark.parametrize(
+    ("command", "status"), [(raising(KeyboardInterrupt()), 130), (Command(CountConfig, terminated), 143)]
+)
+def test_an_interruption_ends_a_command_in_one_line(
+    command: Command, status: int, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(command) == status
     assert capsys.readouterr().err == "program: interrupted; what was finished is kept\n"
 
 

@@ -40,16 +40,6 @@ def test_a_closed_stderr_does_not_end_the_work() -> None:
     assert subprocess.run([sys.executable, "-c", deaf], cwd=root, capture_output=True).stdout == b"1\n"
 
 
-def test_a_signal_that_is_ignored_stays_ignored(monkeypatch: pytest.MonkeyPatch) -> None:
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
-    try:
-        with first_signal(lambda number: pytest.fail("asked")):
-            os.kill(os.getpid(), signal.SIGINT)
-            assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
-    finally:
-        signal.signal(signal.SIGINT, before)
-
-
 def test_what_asking_raises_is_raised_in_the_block() -> None:
     before = [signal.getsignal(each) for each in SIGNALS]
 
