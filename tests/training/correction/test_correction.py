@@ -244,7 +244,7 @@ def test_the_card_tells_of_the_training(corrected: Path, tmp_path: Path) -> None
     ("option", "value", "message"),
     [
         ("--ema", "1", "expected 0 or more and less than 1, found 1.0"),
-        ("--epochs", "0", "expected more than 0, found 0"),
+        ("--epochs", "0", "expected a finite number above 0, found 0"),
     ],
 )
 def test_numbers_that_make_no_sense_are_refused(

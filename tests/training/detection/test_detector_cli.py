@@ -45,7 +45,7 @@ def test_a_training_goes_on_where_it_was_stopped(
     [
         ("--size-px", "100", "expected a multiple of 32, found 100"),
         ("--ema", "1", "expected 0 or more and less than 1, found 1.0"),
-        ("--epochs", "0", "expected more than 0, found 0"),
+        ("--epochs", "0", "expected a finite number above 0, found 0"),
     ],
 )
 def test_numbers_that_make_no_sense_are_refused(
