@@ -67,7 +67,7 @@ class Task(ABC):
 
     @abstractmethod
     def draws(self, cache_bytes: int) -> Draws[Any]:
-        """Where batches come from; decoded samples may take so much memory."""
+        """Where batches come from; decoded samples take at most ``cache_bytes``."""
 
     @abstractmethod
     def save(self, path: Path, network: nn.Module, epochs: int, samples: int) -> None:

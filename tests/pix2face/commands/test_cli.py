@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 import trimesh
 from scipy.spatial import KDTree
-from skimage.data import astronaut
 
 from pix2face.commands.cli import main
 from pix2face.commands.result_folder import LIST_NAME
@@ -241,39 +240,6 @@ def test_the_camera_is_of_the_kind_that_was_asked_for(
         assert found["camera_kind"] == ("weak-perspective" if kind == "affine" else kind)  # as this face was drawn
     principal_point = pinhole_of(Camera(np.array(found["camera_matrix"]))).principal_point_px
     np.testing.assert_allclose(principal_point, [WIDTH_PX / 2, HEIGHT_PX / 2], atol=1e-3)
-
-
-def test_no_face_is_one_line_and_the_rest_is_done(
-    untrained: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    person = write_picture(tmp_path / "person.png", astronaut())
-    empty = write_picture(tmp_path / "sky.png", np.full((200, 300, 3), 128, np.uint8))
-    options = ("--largest", "--no-refine", "--checkpoint", untrained, "--out", tmp_path / "out")
-    assert call("predict", empty, person, *options) == 3
-    assert written(tmp_path / "out") == {"person-0.npz", "person-0-maps.png"}
-    lines = capsys.readouterr().err.splitlines()
-    (line,) = [line for line in lines if line.startswith(f"{empty}: no face found; ")]
-    assert all(option in line for option in ("--box left top right bottom", "--smallest-face", "--min-score"))
-    assert f"photographs: 2, faces: 1 -> {tmp_path / 'out'}" in lines
-
-
-@pytest.mark.parametrize(("turns", "how"), [(3, "counterclockwise by 90°"), (1, "clockwise by 90°")])
-def test_photographs_on_their_side_are_named_and_not_read(
-    untrained: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], turns: int, how: str
-) -> None:
-    turned = write_picture(tmp_path / "turned.png", np.ascontiguousarray(np.rot90(astronaut(), turns)))
-    options = ("--no-refine", "--checkpoint", untrained, "--out", tmp_path / "out")
-    assert call("predict", turned, *options) == 3
-    assert f"{turned}: the face is not upright; turn the picture {how}" in capsys.readouterr().err
-    assert call("predict", turned, "--box", "200", "200", "300", "300", *options) == 0
-
-
-def test_a_box_without_a_face_is_doubted(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    photograph = write_picture(tmp_path / "person.png", astronaut())
-    for box, is_doubted in (((10, 10, 20, 20), True), ((176, 83, 279, 174), False)):
-        assert call("fit", photograph, "--box", *box, "--mesh", "none", "--out", tmp_path / "out") == 0
-        doubt = f"warning: {photograph}: person-0: the network expects an error of "
-        assert (doubt in capsys.readouterr().err) == is_doubted
 
 
 def test_photographs_that_cannot_be_read_do_not_end_the_run(
