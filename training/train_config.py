@@ -254,12 +254,13 @@ class ExportConfig:
         checkpoint: Checkpoint that `train` wrote.
         out: Folder for the release.
         report: Reports of `evaluate` (report.json) whose errors are copied into the model card.
-        landmarks: Landmarks that `pix2face landmarks select` chose on fits of this network; the release contains them.
-        onnx: Write the network as ONNX as well (pip install 'pix2face[onnx]').
+        landmarks: Files of landmarks that `pix2face landmarks select` chose on fits of this network, one for each
+            scheme; the release contains them.
+        onnx: Write the network as ONNX as well.
     """
 
     checkpoint: tyro.conf.Positional[Path]
     out: Path
     report: Annotated[tuple[Path, ...], tyro.conf.arg(help_behavior_hint="")] = ()
-    landmarks: Annotated[Path | None, optional("PATH")] = None
+    landmarks: Annotated[tuple[Path, ...], tyro.conf.arg(help_behavior_hint="")] = ()
     onnx: bool = True

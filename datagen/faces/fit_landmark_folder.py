@@ -5,6 +5,7 @@ the outline. Points that are projections of a 3D model (``pt3d_68``) belong to f
 """
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, final
 
@@ -38,8 +39,7 @@ class AnnotatedFolder(FaceSource):
     """
 
     def __init__(self, folder: Path, model: MorphableModel) -> None:
-        self._model = LandmarkModel.of(model)
-        self._contour = JawContour.of(model)
+        self._fitter = AnnotatedFaceFitter.of(model)
         self._annotations = find_annotations(folder)
         self.sample_ids = tuple(annotation.name for annotation in self._annotations)
         self.sha256 = folder_sha256(
@@ -55,7 +55,7 @@ class AnnotatedFolder(FaceSource):
         try:
             annotated = annotation.load()
             height_px, width_px = read_size_px(annotated.image_path)
-            fit = fit_annotated_face(self._model, self._contour, annotated)
+            fit = self._fitter.fit(annotated)
             attributes = describe_fit(fit, annotated)
             check_orientation(fit.camera, read_orientation(annotated.image_path))
         except (InputFileError, DegenerateGeometryError) as error:
@@ -70,31 +70,46 @@ class AnnotatedFolder(FaceSource):
             image_path=annotated.image_path,
             attributes=attributes,
         )
-        check_face(face, self._model, SET_BY_HAND if annotated.follows_outline else PROJECTED, annotated.landmarks2d)
+        limits = SET_BY_HAND if annotated.follows_outline else PROJECTED
+        check_face(face, self._fitter.projected, limits, annotated.landmarks2d)
         return face
 
 
-def fit_annotated_face(model: LandmarkModel, contour: JawContour, annotated: AnnotatedFace) -> LandmarkFit:
-    """Fits a model to one annotation, robustly where a person set the points.
+@final
+@dataclass(frozen=True, eq=False)
+class AnnotatedFaceFitter:
+    """Fits a model to annotations, robustly where a person set the points."""
 
-    Raises:
-        DegenerateGeometryError: The points do not determine a face, or are not those of a face.
-    """
-    by_hand = annotated.follows_outline
-    fit = fit_landmarks(
-        model,
-        annotated.landmarks2d,
-        depths_px=annotated.depths_px,
-        robust=by_hand,
-        contour=contour if by_hand else None,
-    )
-    residual = relative_residual(fit, annotated, np.median)
-    if not residual <= LARGEST_RESIDUAL:
-        raise DegenerateGeometryError(
-            f"expected points of a face, found a median residual of {100 * residual:.0f} % of the face box: "
-            "are they 68 iBUG points in their order?"
+    projected: LandmarkModel  # for points that are projections of a model
+    marked: LandmarkModel  # for points that a person set
+    contour: JawContour
+
+    @classmethod
+    def of(cls, model: MorphableModel) -> "AnnotatedFaceFitter":
+        """Takes the landmarks of a model."""
+        return cls(LandmarkModel.of(model), LandmarkModel.marked(model), JawContour.of(model))
+
+    def fit(self, annotated: AnnotatedFace) -> LandmarkFit:
+        """Fits one face.
+
+        Raises:
+            DegenerateGeometryError: The points do not determine a face, or are not those of a face.
+        """
+        by_hand = annotated.follows_outline
+        fit = fit_landmarks(
+            self.marked if by_hand else self.projected,
+            annotated.landmarks2d,
+            depths_px=annotated.depths_px,
+            robust=by_hand,
+            contour=self.contour if by_hand else None,
         )
-    return fit
+        residual = relative_residual(fit, annotated, np.median)
+        if not residual <= LARGEST_RESIDUAL:
+            raise DegenerateGeometryError(
+                f"expected points of a face, found a median residual of {100 * residual:.0f} % of the face box: "
+                "are they 68 iBUG points in their order?"
+            )
+        return fit
 
 
 def relative_residual(fit: LandmarkFit, annotated: AnnotatedFace, summary: Callable[[ndarray], Any] = np.mean) -> float:

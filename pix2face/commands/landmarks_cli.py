@@ -19,10 +19,15 @@ from pix2face.files.images import read_photograph, write_picture
 from pix2face.fitting.face_fit import fit_face
 from pix2face.geometry.camera import Camera
 from pix2face.geometry.crops import FaceBox
-from pix2face.geometry.landmarks import IBUG68, IBUG68_PARTS, INNER51, SCHEMES
+from pix2face.geometry.landmarks import IBUG68, IBUG68_2D, IBUG68_PARTS, INNER51, INNER51_SCHEME, MIRRORS, SCHEMES
 from pix2face.inference.predictor import Predictor
 from pix2face.landmark_choice.landmark_file import load_landmarks, open_model_with, save_landmarks, with_landmarks
-from pix2face.landmark_choice.landmark_selection import LandmarkSelection, ReprojectionErrors, fold_of_frame
+from pix2face.landmark_choice.landmark_selection import (
+    LandmarkSelection,
+    MirrorImages,
+    ReprojectionErrors,
+    fold_of_frame,
+)
 from pix2face.models.morphable_model import MorphableModel, open_model
 from pix2face.photographs.fit_pictures import draw_model_landmarks
 
@@ -60,8 +65,11 @@ def _select(config: LandmarksSelectConfig) -> int:
         raise UsageError("expected --checkpoint (fit predicted maps) or --coeffs (take fits as given), found both")
     annotations = find_annotations(config.data, config.scheme)
     model = open_model_with(config.network.model, config.network.landmarks)
-    candidates = np.flatnonzero(model.is_face_vertex)
-    errors = ReprojectionErrors(candidates, SCHEMES[config.scheme], config.folds)
+    candidates, mirror = np.flatnonzero(model.is_face_vertex), None
+    if model.symmetry is not None and config.scheme in MIRRORS:
+        mirror = MirrorImages(MIRRORS[config.scheme], model.symmetry)
+        candidates = np.intersect1d(candidates, model.symmetry[candidates])
+    errors = ReprojectionErrors(candidates, SCHEMES[config.scheme], config.folds, mirror)
     if config.coeffs is not None:
         fit_frame, origin = _given_fits(model, config.coeffs), str(config.coeffs.name)
     else:
@@ -161,9 +169,9 @@ def _report(
 
 def _parts(scheme: str) -> dict[str, Any]:
     everything = list(range(SCHEMES[scheme]))
-    if scheme == IBUG68:
+    if scheme in (IBUG68, IBUG68_2D):
         return {**{part: list(members) for part, members in IBUG68_PARTS.items()}, "all": everything}
-    if scheme == "inner51":
+    if scheme == INNER51_SCHEME:
         inner = {part: [INNER51.index(m) for m in members] for part, members in IBUG68_PARTS.items() if part != "jaw"}
         return {**inner, "all": everything}
     return {"all": everything}

@@ -245,7 +245,8 @@ class LandmarksSelectConfig:
         data: Folder of annotated photographs, with its subfolders. Annotations are .pts files beside the pictures, .mat
             files of AFLW2000-3D, or .xml files of dlib.
         out: File to write, for the option --landmarks of other commands.
-        scheme: Scheme of the annotated points.
+        scheme: Scheme of the annotated points. ibug68-2d is for points that people marked in photographs: .pts and .xml
+            files, and --landmark-type 2d.
         network: The network whose predicted maps are fitted, as in the paper, and the model.
         coeffs: Use the fits in this table, which `datagen fit` wrote, instead of predictions. They are matched by name.
         folds: Number of parts that the frames are divided into. Each part is held out in turn to test the vertices that
@@ -254,7 +255,7 @@ class LandmarksSelectConfig:
 
     data: Path
     out: Path = Path("landmarks.json")
-    scheme: Literal["ibug68", "inner51", "aflw21", "menpo84"] = "ibug68"
+    scheme: Literal["ibug68", "ibug68-2d", "inner51", "aflw21", "menpo84"] = "ibug68"
     network: Annotated[NetworkOptions, tyro.conf.arg(name="")] = NetworkOptions()
     coeffs: Annotated[Path | None, optional("PATH")] = None
     folds: int = 5

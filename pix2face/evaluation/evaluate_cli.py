@@ -46,6 +46,8 @@ def evaluate(config: EvaluateConfig) -> int:
     """Measures a checkpoint, or the landmarks of another system, on a benchmark."""
     _check_numbers(config)
     manifest = _as_asked(config, load_manifest(config.split))
+    if config.how.landmark_type == "auto":
+        config = replace(config, how=replace(config.how, landmark_type=manifest.landmark_type))
     model = open_model_with(config.network.model, config.network.landmarks)
     model_landmarks(model)  # a model without them is refused before anything takes time
     data = config.data or os.environ.get(DATA_VARIABLE)
@@ -57,7 +59,7 @@ def evaluate(config: EvaluateConfig) -> int:
     settings = EvaluationSettings(
         method=subject.method,
         alignment=config.align or manifest.alignment or "rigid",
-        contour=config.how.contour,
+        landmark_type=config.how.landmark_type,
         bootstrap=Bootstrap(config.resamples, config.seed),
         by=by,
     )
@@ -136,16 +138,10 @@ def _check_of_networks_alone(config: EvaluateConfig) -> None:
 def _as_asked(config: EvaluateConfig, manifest: Manifest) -> Manifest:
     """The benchmark with the changes that the command line asks for."""
     manifest = manifest.with_truth(config.truth or manifest.truth)
-    if config.how.contour == "2d" and not manifest.jaw_follows_outline:
-        raise UsageError(
-            "--contour 2d: expected a split whose truth follows the visible outline (300-W, 300-VW), found "
-            f"{config.split}"
-        )
-    if config.how.contour == "2d" and config.predictions is not None:
-        raise UsageError("--contour 2d: expected a fit whose jaw points can slide, found --predictions")
     _check_of_networks_alone(config)
-    if config.how.camera != DEFAULT_FIT.camera and config.predictions is not None:
-        raise UsageError("--camera: expected a checkpoint or --oracle; landmarks of a file are not fitted")
+    for option, name in (("--camera", "camera"), ("--landmark-type", "landmark_type")):
+        if config.predictions is not None and getattr(config.how, name) != getattr(DEFAULT_FIT, name):
+            raise UsageError(f"{option}: expected a checkpoint or --oracle; landmarks of a file are not fitted")
     has_space = manifest.alignment not in (None, "depth")
     if config.align is not None and config.align != manifest.alignment and (config.align == "depth" or not has_space):
         place = "" if manifest.alignment is None else " in a picture" if config.align == "depth" else " in space"

@@ -22,13 +22,22 @@ from pix2face.face_files.point_checks import check_points
 from pix2face.face_files.w300lp import check_picture_height, read_aflw21_landmarks, read_coefficient_file
 from pix2face.files.images import IMAGE_SUFFIXES, read_orientation, read_size_px
 from pix2face.files.opening import is_regular, read_regular, walk_files
-from pix2face.geometry.landmarks import IBUG68, INNER51, N_IBUG68, SCHEMES, mark_missing, read_pts
+from pix2face.geometry.landmarks import (
+    IBUG68,
+    IBUG68_2D,
+    INNER51,
+    INNER51_SCHEME,
+    N_IBUG68,
+    SCHEMES,
+    mark_missing,
+    read_pts,
+)
 
 # The lists of 300-W for dlib hold 7,764 faces in 23 MB.
 LARGEST_XML_BYTES = 128 << 20
 MOST_BOXES, LONGEST_PATH, LONGEST_SHOWN = 500_000, 4096, 80
-INNER51_SCHEME, AFLW21_SCHEME = "inner51", "aflw21"
-IN_MAT_FILES, IN_LISTS = (IBUG68, INNER51_SCHEME, AFLW21_SCHEME), (IBUG68, INNER51_SCHEME)
+AFLW21_SCHEME = "aflw21"
+IN_MAT_FILES, IN_LISTS = (IBUG68, INNER51_SCHEME, AFLW21_SCHEME), (IBUG68, IBUG68_2D, INNER51_SCHEME)
 # 300-VW keeps points and frames in sister folders.
 SISTER_FOLDERS = {"annot": "imgs"}
 
@@ -201,7 +210,9 @@ def _load_box(path: Path, image_path: Path, points: ndarray | InputFileError, sc
         raise points
     if not is_regular(image_path):
         raise InputFileError(f"{path}: expected the picture {image_path}, found none")
-    return AnnotatedFace(image_path=image_path, landmarks2d=points if scheme == IBUG68 else points[list(INNER51)])
+    return AnnotatedFace(
+        image_path=image_path, landmarks2d=points[list(INNER51)] if scheme == INNER51_SCHEME else points
+    )
 
 
 class _FacesOfXml:

@@ -9,13 +9,13 @@ from jaxtyping import Float, Float32, Float64
 from numpy import ndarray
 
 from pix2face.errors import UsageError
-from pix2face.fitting.fit_options import DEFAULT_FIT, Contour, FitOptions
+from pix2face.fitting.fit_options import DEFAULT_FIT, FitOptions, LandmarkType
 from pix2face.fitting.jaw_contour import JAW, JawContour
 from pix2face.fitting.picture_measurement import Constraints, measure_picture
 from pix2face.fitting.prepared_model import vertex_basis
 from pix2face.geometry.camera import Camera
 from pix2face.geometry.crops import Crop, FaceBox
-from pix2face.geometry.landmarks import IBUG68
+from pix2face.geometry.landmarks import IBUG68, IBUG68_2D
 from pix2face.geometry.maps import FaceMaps, PredictedLandmarks
 from pix2face.models.morphable_model import MorphableModel
 
@@ -142,7 +142,9 @@ def fit_face(
         maps, model, options, principal_point_px=principal_point_px, n_vertices=n_vertices, constraints=constraints
     )
     identity, expression = np.split(measured.coefficients, [model.n_identity])
-    face = face_of_coefficients(model, measured.camera, identity, expression, scheme=scheme, contour=options.contour)
+    face = face_of_coefficients(
+        model, measured.camera, identity, expression, scheme=scheme, landmark_type=options.landmark_type
+    )
     return face.with_errors_of(maps.landmarks)
 
 
@@ -153,11 +155,12 @@ def face_of_coefficients(
     expression: Float64[ndarray, " e"],
     *,
     scheme: str = IBUG68,
-    contour: Contour = "off",
+    landmark_type: LandmarkType = "auto",
 ) -> FaceFit:
     """Puts a face together from its camera and coefficients (standard deviations).
 
-    The contour "2d" moves the jaw landmarks in the picture to the visible outline; the 3D landmarks are unchanged.
+    The type "2d" changes the landmarks in the picture alone: they are those of the scheme ``ibug68-2d``, if the model
+    has it, and the jaw lies on the visible outline.
 
     Raises:
         UsageError: The model has no such landmarks, or they have no jaw to move.
@@ -167,9 +170,12 @@ def face_of_coefficients(
     coefficients = np.concatenate([identity, expression])
     landmarks3d = np.asarray(mean + basis @ coefficients, dtype=np.float64)
     landmarks2d = camera.project(landmarks3d)
-    if contour == "2d":
+    if landmark_type == "2d":
         if scheme != IBUG68:
-            raise UsageError(f"contour 2d: expected the landmarks {IBUG68}, found {scheme!r}")
+            raise UsageError(f"landmark type 2d: expected the landmarks {IBUG68}, found {scheme!r}")
+        if IBUG68_2D in model.landmarks:
+            mean, basis = _landmark_basis(model, IBUG68_2D)
+            landmarks2d = camera.project(mean + basis @ coefficients)
         landmarks2d[list(JAW)] = camera.project(_contour_of(model).outermost_points(camera, coefficients))
     return FaceFit(camera, identity, expression, model, landmarks2d, landmarks3d)
 

@@ -8,7 +8,7 @@ from pix2face.errors import UsageError
 
 CameraKind = Literal["affine", "weak-perspective", "pinhole", "auto"]
 Regularisation = float | Literal["estimate"]
-Contour = Literal["off", "2d"]
+LandmarkType = Literal["auto", "3d", "2d"]
 
 # Exact maps: rounding to 1/128 mm and the mesh's kinks between pixels leave 0.01 mm.
 EXACT_MAPS_REGULARISATION = 1e-4
@@ -37,8 +37,9 @@ class FitOptions:
             pinhole if the face shows perspective, and weak-perspective otherwise.
         regularisation: Tikhonov weight of the coefficients, in mm^2; `estimate` computes it from the maps of each face,
             which takes longer.
-        contour: Where the jaw landmarks lie: off puts them at fixed points of the skin, 2d on the visible outline,
-            as in 300-W.
+        landmark_type: What the 68 landmarks in the picture are: 3d for fixed points of the skin, as in AFLW2000-3D, 2d
+            for the points that people mark in photographs, as in 300-W, with the jaw on the visible outline. auto is
+            the type of the benchmark for `evaluate`, and 3d for everything else.
         silhouette: Keep the fitted face inside its mask (the silhouette). For weak-perspective cameras only.
         correction: Let the network correct the fit, if it can. For fits with weak-perspective cameras that are held to
             the silhouette only: it learned from these.
@@ -48,7 +49,7 @@ class FitOptions:
 
     camera: CameraKind = "weak-perspective"
     regularisation: Regularisation = PREDICTED_MAPS_REGULARISATION
-    contour: Contour = "off"
+    landmark_type: LandmarkType = "auto"
     silhouette: bool = True
     correction: bool = True
     reprojection_rounds: int = 0
@@ -67,11 +68,12 @@ class FitOptions:
         """Refuses values that no fit can use.
 
         Raises:
-            UsageError: A regularisation that is neither positive nor `estimate`, rounds out of range, or another
-                contour.
+            UsageError: A regularisation that is neither positive nor `estimate`, rounds out of range, or another type
+                of landmarks.
         """
-        if self.contour not in get_args(Contour):
-            raise UsageError(f"expected --contour of {', '.join(get_args(Contour))}, found {self.contour!r}")
+        if self.landmark_type not in get_args(LandmarkType):
+            known = ", ".join(get_args(LandmarkType))
+            raise UsageError(f"expected --landmark-type of {known}, found {self.landmark_type!r}")
         if self.regularisation != "estimate" and not 0 < self.regularisation < math.inf:
             raise UsageError(f"expected a positive --regularisation in mm^2, or estimate, found {self.regularisation}")
         if not 0 <= self.reprojection_rounds <= MOST_REPROJECTION_ROUNDS:

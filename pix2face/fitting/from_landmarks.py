@@ -15,7 +15,7 @@ from pix2face.fitting.jaw_contour import JAW, JawContour
 from pix2face.fitting.least_squares.levenberg_marquardt import LocalQuadratic, minimise, quadratic_of_residuals
 from pix2face.fitting.least_squares.similarity import Similarity
 from pix2face.geometry.camera import Camera, nearest_weak_perspective
-from pix2face.geometry.landmarks import IBUG68
+from pix2face.geometry.landmarks import IBUG68, IBUG68_2D
 from pix2face.models.morphable_model import MorphableModel
 
 # Variance (mm^2) of a landmark's coordinate that the model should not follow. Chosen with the built-in model on the 400
@@ -72,6 +72,11 @@ class LandmarkModel:
         # `take` returns arrays in C order. Indexing does not, and every product would have to copy the basis.
         basis = np.concatenate([each.take(vertices, axis=1) for each in (model.identity_basis, model.expression_basis)])
         return cls(model.mean[vertices].astype(np.float64), basis.astype(np.float64), model.n_identity)
+
+    @classmethod
+    def marked(cls, model: MorphableModel) -> "LandmarkModel":
+        """Takes the landmarks that people mark in photographs, as far as the model knows them."""
+        return cls.of(model, IBUG68_2D if IBUG68_2D in model.landmarks else IBUG68)
 
     def with_jaw(self, contour: JawContour, chosen: Int[ndarray, "17"]) -> "LandmarkModel":
         """The model with other vertices as its jaw points."""
@@ -150,7 +155,8 @@ def fit_landmarks(
             unknown. 300W-LP's third coordinate grows towards the viewer: ``w300lp`` negates it on reading.
         robust: Cauchy's loss instead of squares: landmarks far from what the others say (guessed behind a hand, or
             wrong) lose their weight.
-        contour: Lets the 17 jaw points slide along it: for landmarks that follow the outline in the photograph.
+        contour: Lets the 17 jaw points slide along it: for landmarks that people marked in the photograph. The model
+            should then be ``LandmarkModel.marked``.
 
     Raises:
         DegenerateGeometryError: Fewer than 6 landmarks, all at one place, or lambda not positive.

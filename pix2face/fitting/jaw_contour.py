@@ -17,7 +17,7 @@ from jaxtyping import Bool, Float64, Int
 from numpy import ndarray
 
 from pix2face.geometry.camera import Camera
-from pix2face.geometry.landmarks import IBUG68, IBUG68_PARTS
+from pix2face.geometry.landmarks import IBUG68, IBUG68_2D, IBUG68_PARTS
 from pix2face.models.morphable_model import MorphableModel
 from pix2face.models.surface_attributes import vertex_normals
 
@@ -46,8 +46,9 @@ class JawContour:
 
     @classmethod
     def of(cls, model: MorphableModel) -> "JawContour":
-        """Finds the curves on the mean face. Each holds at least its landmark."""
-        vertices, mean = model.landmarks[IBUG68], model.mean.astype(np.float64)
+        """Finds the curves on the mean face. Each holds at least its landmark, of ``ibug68-2d`` if the model has it."""
+        vertices = model.landmarks.get(IBUG68_2D, model.landmarks[IBUG68])
+        mean = model.mean.astype(np.float64)
         allowed = model.is_face_vertex & (vertex_normals(mean, model.triangles)[:, 2] > LEAST_FACING)
         half_width = STRIP_SPACINGS * _spacing(mean, model.triangles[model.is_face_triangle])
         members, owners, outward = [], [], []

@@ -60,7 +60,7 @@ def fit_joint(
     identity, expressions = joint.solve()
     return [
         face_of_coefficients(
-            model, camera, identity, np.asarray(expression), scheme=scheme, contour=options.contour
+            model, camera, identity, np.asarray(expression), scheme=scheme, landmark_type=options.landmark_type
         ).with_errors_of(predicted)
         for camera, expression, predicted in zip(cameras, expressions, landmarks, strict=True)
     ]

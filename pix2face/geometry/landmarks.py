@@ -19,10 +19,19 @@ from pix2face.files.opening import read_text_file
 
 IBUG68: Final = "ibug68"
 N_IBUG68: Final = 68
+# The same points where people mark them in photographs: the jaw on the outline of the face.
+IBUG68_2D: Final = "ibug68-2d"
+INNER51_SCHEME: Final = "inner51"
 
 # How many points each known scheme has. AFLW's 21 come with AFLW2000-3D (pt2d, -1 where a point is missing); the 84 are
 # those of the Menpo 3D face tracking challenge (Zafeiriou et al. 2017).
-SCHEMES: Final[Mapping[str, int]] = {IBUG68: N_IBUG68, "inner51": 51, "aflw21": 21, "menpo84": 84}
+SCHEMES: Final[Mapping[str, int]] = {
+    IBUG68: N_IBUG68,
+    IBUG68_2D: N_IBUG68,
+    INNER51_SCHEME: 51,
+    "aflw21": 21,
+    "menpo84": 84,
+}
 
 # Each run goes along the contour as the annotation does, from the image's left to its right, eyes and mouth around.
 IBUG68_GROUPS: Final[Mapping[str, tuple[int, ...]]] = {
@@ -67,6 +76,12 @@ MIRROR_IBUG68: Final = (
     *(54, 53, 52, 51, 50, 49, 48, 59, 58, 57, 56, 55),  # outer lips
     *(64, 63, 62, 61, 60, 67, 66, 65),  # inner lips
 )
+# The same for each scheme in which it is known.
+MIRRORS: Final[Mapping[str, tuple[int, ...]]] = {
+    IBUG68: MIRROR_IBUG68,
+    IBUG68_2D: MIRROR_IBUG68,
+    INNER51_SCHEME: tuple(INNER51.index(MIRROR_IBUG68[point]) for point in INNER51),
+}
 
 # WFLW98_OF_IBUG68[i] is the point of WFLW (Wu et al. 2018) that is annotated as point i of iBUG-68: every second one of
 # the jaw, the upper edges of the brows, and eyes without the middles of the lids and the pupils.

@@ -5,12 +5,17 @@ projections lie nearest to a landmark's annotations, on average over the frames,
 cross-validated: the frames are split into folds, and each fold is measured with the vertices that the other folds
 choose.
 
+Where a model knows its mirror image, the two landmarks of a pair become two vertices that mirror each other, and those
+on the midline become vertices of the midline. Otherwise, the vertices would follow whatever the annotations have to one
+side, and a mirrored picture would have other landmarks.
+
 Source: Crispell and Bazik 2017, Section 4 ("Landmark Localization").
 
 Deviation from the paper: errors are divided by the size of the face before they are averaged, so that frames count
-alike whatever their resolution; and the error is cross-validated.
+alike whatever their resolution; vertices are chosen in pairs; and the error is cross-validated.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import final
 
@@ -36,6 +41,15 @@ class LandmarkSelection:
 
 
 @final
+@dataclass(frozen=True, eq=False)
+class MirrorImages:
+    """Which landmark, and which vertex of the model, is the mirror image of which."""
+
+    landmarks: Sequence[int]  # for each landmark
+    vertices: Int[ndarray, " v"]  # for each vertex of the model
+
+
+@final
 class ReprojectionErrors:
     """Sums of reprojection errors by fold, landmark and candidate vertex; memory does not grow with the frames.
 
@@ -43,15 +57,19 @@ class ReprojectionErrors:
         candidates: The vertices to choose from.
         n_landmarks: Points in the scheme.
         n_folds: Parts of the frames that are held out in turn.
+        mirror: Mirror images, if vertices are to be chosen in pairs. Each candidate's image must be a candidate.
 
     Raises:
         UsageError: Fewer than two folds.
     """
 
-    def __init__(self, candidates: Int[ndarray, " v"], n_landmarks: int, n_folds: int) -> None:
+    def __init__(
+        self, candidates: Int[ndarray, " v"], n_landmarks: int, n_folds: int, mirror: MirrorImages | None = None
+    ) -> None:
         if n_folds < LEAST_FOLDS:
             raise UsageError(f"--folds: expected {LEAST_FOLDS} or more, found {n_folds}")
         self._candidates = candidates
+        self._mirror = mirror
         self._sums = np.zeros((n_folds, n_landmarks, len(candidates)))
         self._counts = np.zeros((n_folds, n_landmarks), dtype=np.int64)
 
@@ -98,8 +116,8 @@ class ReprojectionErrors:
                 f"{counts[seldom[0]]} frames; give more frames, or fewer --folds"
             )
         rows = np.arange(len(counts))
-        chosen = sums.argmin(axis=1)
-        others = (sums - self._sums).argmin(axis=2)
+        chosen = self._best(sums)
+        others = [self._best(sums - own) for own in self._sums]
         held_out = np.stack([own[rows, choice] for own, choice in zip(self._sums, others, strict=True)]).sum(axis=0)
         return LandmarkSelection(
             vertices=self._candidates[chosen],
@@ -107,6 +125,20 @@ class ReprojectionErrors:
             held_out_error=held_out / counts,
             n_frames=counts,
         )
+
+    def _best(self, sums: Float64[ndarray, "m v"]) -> Int[ndarray, " m"]:
+        """For each landmark the candidate (an index) of the smallest sum of errors."""
+        if self._mirror is None:
+            return sums.argmin(axis=1)
+        image = np.searchsorted(self._candidates, self._mirror.vertices[self._candidates])
+        others = np.array(self._mirror.landmarks)
+        both = sums + sums[others][:, image]
+        on_midline = (others == np.arange(len(sums)))[:, None]
+        both[on_midline & (image != np.arange(len(image)))] = np.inf
+        best = both.argmin(axis=1)
+        is_second = others < np.arange(len(sums))
+        best[is_second] = image[best[others[is_second]]]
+        return best
 
 
 def fold_of_frame(index: int, n_frames: int, n_folds: int) -> int:

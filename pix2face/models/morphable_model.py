@@ -3,16 +3,18 @@
 Source: Blanz and Vetter 1999; Crispell and Bazik 2017, Eq. 3.
 """
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import cached_property, lru_cache
 from importlib.resources import as_file, files
 from pathlib import Path
+from types import MappingProxyType
 from typing import final
 
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int32, UInt8
 from numpy import ndarray
 
+from pix2face.geometry.landmarks import IBUG68_2D
 from pix2face.models import BUILTIN_MODEL
 from pix2face.models.model_file import LinearModel, StoredModel, read_stored_model
 from pix2face.models.subdivision import refine
@@ -108,8 +110,13 @@ def load_model(path: Path, refinement_steps: int | None = None) -> MorphableMode
 @lru_cache(maxsize=2)
 def builtin_model(refinement_steps: int | None = None) -> MorphableModel:
     """The model that comes with the package (CC0; see ASSETS.md)."""
-    with as_file(files("pix2face") / "assets" / "builtin_model.h5") as path:
-        return load_model(path, refinement_steps)
+    assets = files("pix2face") / "assets"
+    with as_file(assets / "builtin_model.h5") as path:
+        model = load_model(path, refinement_steps)
+    # Beside the file, whose hash shards and checkpoints carry.
+    with (assets / f"{IBUG68_2D}.txt").open() as table:
+        marked = np.loadtxt(table, dtype=np.int32, usecols=1)
+    return replace(model, landmarks=MappingProxyType({**model.landmarks, IBUG68_2D: marked}))
 
 
 def open_model(name_or_path: str) -> MorphableModel:

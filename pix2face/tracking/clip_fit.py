@@ -108,7 +108,9 @@ class FrameFitter:
 
     def fit(self, view: FaceView, identity: Float64[ndarray, " k"], expression: Float64[ndarray, " e"]) -> SettledFace:
         """Returns the face with the given coefficients, in pixels of the frame."""
-        fit = face_of_coefficients(self.model, view.camera, identity, expression, contour=self.options.contour)
+        fit = face_of_coefficients(
+            self.model, view.camera, identity, expression, landmark_type=self.options.landmark_type
+        )
         return SettledFace(fit.with_errors_of(view.landmarks).in_image(view.crop), view.seen_share)
 
     def placed(self, box: FaceBox, identity: Float64[ndarray, " k"]) -> FaceFit:

@@ -1,11 +1,13 @@
 """Landmark errors of the packaged network on any annotated photographs: 300-W's, dlib's, your own.
 
-    python -m tests.benchmarks.annotated FOLDER [--checkpoint C] [--boxes truth|refined] [--overlays DIR]
+    python -m tests.benchmarks.annotated FOLDER [--checkpoint C] [--landmarks FILE] [--landmark-type 2d|3d]
+        [--boxes truth|refined] [--overlays DIR]
 
 FOLDER is searched with all below it (.pts beside the picture, .mat of AFLW2000-3D, dlib's .xml). Errors are % of the
-distance of the outer eye corners; the 51 inner points, since jaw points of such annotations follow the outline in the
-picture. ``refined`` starts from a box that is a fifth too large and a tenth aside, and takes the landmarks of the first
-fit for the second box, as after a detector. Faces that would be taken for false alarms in their true boxes are named.
+distance of the outer eye corners, of the 51 inner points. By default, points that were marked by hand are compared
+with landmarks of the type 2d, and projections of a model (.mat) with those of the type 3d. ``refined`` starts from a
+box that is a fifth too large and a tenth aside, and takes the landmarks of the first fit for the second box, as after
+a detector. Faces that would be taken for false alarms in their true boxes are named.
 """
 
 from pathlib import Path
@@ -18,9 +20,11 @@ from numpy import ndarray
 from pix2face import Pix2Face
 from pix2face.face_files.annotations import find_annotations
 from pix2face.files.images import read_photograph
+from pix2face.fitting.fit_options import FitOptions
 from pix2face.geometry.crops import FaceBox
 from pix2face.geometry.landmark_metrics import landmark_errors
 from pix2face.geometry.landmarks import IBUG68, INNER51
+from pix2face.landmark_choice.landmark_file import with_landmarks
 from pix2face.photographs.refined_detection import refined_boxes
 from tests.benchmarks.measuring import options_parser, write_report
 
@@ -32,10 +36,14 @@ def main() -> None:
     parser = options_parser(__doc__)
     parser.add_argument("folder", type=Path)
     parser.add_argument("--checkpoint", type=Path)
+    parser.add_argument("--landmarks", type=Path, help="what `pix2face landmarks select` wrote")
+    parser.add_argument("--landmark-type", choices=("2d", "3d"))
     parser.add_argument("--boxes", choices=("truth", "refined"), default="truth")
     parser.add_argument("--overlays", type=Path)
     options = parser.parse_args()
     faces, errors, refuted = Pix2Face.load(options.checkpoint, device="cpu"), {}, []
+    if options.landmarks is not None:
+        faces = Pix2Face(faces.predictor, with_landmarks(faces.model, options.landmarks))
     expected: list[float] = []
     for annotation in find_annotations(options.folder, IBUG68):
         annotated = annotation.load()
@@ -51,7 +59,8 @@ def main() -> None:
         if options.boxes == "refined":
             (first,) = faces.fit(image, [_rough(box)])
             box = FaceBox.around(first.landmarks2d)
-        (fit,) = faces.fit(image, [box])
+        landmark_type = options.landmark_type or ("2d" if annotated.follows_outline else "3d")
+        (fit,) = faces.fit(image, [box], FitOptions(landmark_type=landmark_type))
         own = landmark_errors(fit.landmarks2d, true, "outer-eye")
         errors[annotation.name] = float(own[list(INNER51)].mean())
         if options.overlays:

@@ -10,13 +10,11 @@ from pathlib import Path
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from datagen.faces.fit_landmark_folder import LARGEST_RESIDUAL, fit_annotated_face, relative_residual
+from datagen.faces.fit_landmark_folder import LARGEST_RESIDUAL, AnnotatedFaceFitter, relative_residual
 from pix2face.errors import DegenerateGeometryError, InputFileError
 from pix2face.face_files.annotations import find_annotations
 from pix2face.face_files.point_checks import LEAST_PRESENT, SMALLEST_FACE_PX
 from pix2face.files.images import read_size_px
-from pix2face.fitting.from_landmarks import LandmarkModel
-from pix2face.fitting.jaw_contour import JawContour
 from pix2face.geometry.believable_face import PROJECTED, SET_BY_HAND, measure_face
 from pix2face.models.morphable_model import open_model
 
@@ -25,13 +23,12 @@ PERCENTILES = (0, 1, 50, 99, 100)
 
 def measure(folder: Path, model_name: str) -> list[str]:
     """What was refused, a table for the faces that were set by hand, and one for those projected from a model."""
-    model = open_model(model_name)
-    landmark_model, contour, lines = LandmarkModel.of(model), JawContour.of(model), []
+    fitter, lines = AnnotatedFaceFitter.of(open_model(model_name)), []
     rows: dict[bool, list[dict[str, float]]] = {True: [], False: []}
     for annotation in find_annotations(folder):
         try:
             face = annotation.load()
-            fit = fit_annotated_face(landmark_model, contour, face)
+            fit = fitter.fit(face)
         except (InputFileError, DegenerateGeometryError) as error:
             lines.append(f"refused: {annotation.name}: {error}")
             continue

@@ -20,8 +20,8 @@ def export(config: ExportConfig) -> int:
     """Runs ``train export``."""
     console = Console(stderr=True)
     header, network = load_checkpoint(config.checkpoint)
-    if config.landmarks is not None:
-        choice = load_landmarks(config.landmarks)
+    for path in config.landmarks:
+        choice = load_landmarks(path)
         header.check_model(choice.model.name, choice.model.sha256)
         header = replace(header, landmarks={**header.landmarks, choice.scheme: choice.vertices})
     prepare_output_folder(config.out)

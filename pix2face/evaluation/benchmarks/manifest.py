@@ -72,7 +72,7 @@ class Manifest:
     seed: int | None = None  # the seed that the faces of a split of shards were drawn with; None for photographs
     other_truths: Mapping[str, str] = field(default_factory=dict)  # other possible truths: word, and in full
     reannotated_files: tuple[str, ...] = ()  # possible names of a file of re-annotated landmarks
-    jaw_follows_outline: bool = False  # whether jaw points were marked where the face ends in the picture
+    landmark_type: Literal["3d", "2d"] = "3d"  # what was marked; see ``FitOptions``
     pictures_in: tuple[str, ...] = ()  # folders of a clip that may hold its frames
     n_annotated: int | None = None  # a number of points that annotations may have instead of 68
     landmark_indices: tuple[int, ...] = ()  # which of these points the 68 are

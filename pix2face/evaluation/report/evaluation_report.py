@@ -26,6 +26,7 @@ from pix2face.evaluation.figures.bootstrap import (
 from pix2face.evaluation.figures.detection_summary import DetectionSummary, summarise_detections
 from pix2face.evaluation.figures.pose_summary import PoseSummary, summarise_poses
 from pix2face.evaluation.subjects.truth_errors import CoefficientErrors, MapErrors, mean_errors
+from pix2face.fitting.fit_options import LandmarkType
 from pix2face.geometry import Alignment, Normaliser
 from pix2face.geometry.landmark_metrics import POINT_SETS, ErrorSummary, summarise
 from pix2face.geometry.landmarks import IBUG68_PARTS
@@ -65,7 +66,7 @@ class EvaluationSettings:
 
     method: str  # what was measured, in a word
     alignment: Alignment = "rigid"  # how 3D landmarks are aligned with the true ones
-    contour: str = "off"  # "2d" where jaw points slide to the visible outline, or "off"
+    landmark_type: LandmarkType = "3d"  # of the landmarks that were measured; see ``FitOptions``
     bootstrap: Bootstrap = field(default_factory=Bootstrap)
     by: tuple[AttributeValues, ...] = ()  # attributes by which errors are split
 

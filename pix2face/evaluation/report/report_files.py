@@ -90,7 +90,7 @@ def report_as_json(report: Report) -> dict[str, Any]:
         "schema_version": SCHEMA_VERSION,
         "benchmark": facts,
         "method": settings.method,
-        "contour": settings.contour,
+        "landmark_type": settings.landmark_type,
         "baseline": BASELINE_RULE,
         "bootstrap": {
             **asdict(settings.bootstrap),

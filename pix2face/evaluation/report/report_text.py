@@ -21,6 +21,10 @@ METHODS = {
     "predictions": "landmarks of another system, from its file",
     "oracle": "NOT A RESULT: the model fitted to the truth itself, to show how much of an error is the model's",
 }
+LANDMARK_TYPES = {
+    "3d": "fixed points of the model",
+    "2d": "as people mark them in photographs, with the jaw on the visible outline",
+}
 
 
 def main_table(report: Report) -> ReportTable:
@@ -160,7 +164,6 @@ def terminal_table(title: str, columns: Sequence[str], lines: Sequence[Sequence[
 def report_notes(report: Report) -> list[str]:
     """Notes that explain the tables, one line of plain text each."""
     manifest, settings = report.manifest, report.settings
-    jaw = "slide to the visible outline (--contour 2d)" if settings.contour == "2d" else "are fixed points of the model"
     notes = [
         _what_was_evaluated(report),
         f"Truth [{manifest.truth}]: {manifest.ground_truth}.",
@@ -170,7 +173,7 @@ def report_notes(report: Report) -> list[str]:
         f"Row {settings.method}: {METHODS[settings.method]}. Row baseline: {BASELINE_RULE}.",
     ]
     if settings.method != "predictions":
-        notes.append(f"Jaw points {jaw}.")
+        notes.append(f"Landmarks: {LANDMARK_TYPES[settings.landmark_type]} [{settings.landmark_type}].")
     if manifest.groups == "yaw":
         notes.insert(
             3, "Columns: |yaw| to 30°, above 30° to 60°, above 60°; mean of bins: their unweighted mean, the headline."

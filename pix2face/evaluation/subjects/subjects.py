@@ -15,7 +15,7 @@ from pix2face.evaluation.figures.detection_summary import FaceDetection
 from pix2face.evaluation.subjects.predictions_file import Predictions
 from pix2face.fitting.face_fit import FaceFit, fit_face
 from pix2face.fitting.fit_options import DEFAULT_FIT, EXACT_MAPS_REGULARISATION, FitOptions
-from pix2face.fitting.from_landmarks import fit_landmarks
+from pix2face.fitting.from_landmarks import LandmarkModel, fit_landmarks
 from pix2face.fitting.jaw_contour import JawContour
 from pix2face.geometry.camera import Camera, head_pose, nearest_weak_perspective
 from pix2face.geometry.crops import Crop, FaceBox, image_centre_in_crop
@@ -157,14 +157,16 @@ class OracleSubject:
     """
 
     model: MorphableModel
-    options: FitOptions = DEFAULT_FIT  # only the contour, and the camera for maps; landmarks use weak perspective
+    options: FitOptions = DEFAULT_FIT  # of them the type of landmarks, and the camera for maps
     model_from_stated: Float64[ndarray, "3 3"] = field(default_factory=OWN_FRAME.copy)  # see `pose_of`
     method = "oracle"
     needs_images = False
 
     @cached_property
-    def _contour(self) -> JawContour | None:
-        return JawContour.of(self.model) if self.options.contour == "2d" else None
+    def _points(self) -> tuple[LandmarkModel, JawContour | None]:
+        if self.options.landmark_type == "2d":
+            return LandmarkModel.marked(self.model), JawContour.of(self.model)
+        return LandmarkModel.of(self.model), None
 
     def find(self, faces: Sequence[BenchmarkFace]) -> list[FoundFace]:
         """Fits each face."""
@@ -175,7 +177,8 @@ class OracleSubject:
             if face.maps is not None:
                 exactly = replace(self.options, regularisation=EXACT_MAPS_REGULARISATION, silhouette=False)
                 return _found(fit_face(face.maps, self.model, exactly), self.model_from_stated)
-            fitted = fit_landmarks(self.model, face.landmarks2d, contour=self._contour)
+            model, contour = self._points
+            fitted = fit_landmarks(model, face.landmarks2d, contour=contour)
         except DegenerateGeometryError as error:
             return FoundFace(landmarks2d=None, failure=str(error))
         vertices = self.model.vertices(fitted.identity[None], fitted.expression[None])[0]

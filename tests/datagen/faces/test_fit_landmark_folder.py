@@ -8,13 +8,14 @@ import numpy as np
 import pytest
 
 from datagen.cli import main
-from datagen.faces.fit_landmark_folder import AnnotatedFolder, fit_annotated_face
+from datagen.faces.fit_landmark_folder import AnnotatedFaceFitter, AnnotatedFolder, relative_residual
 from pix2face.errors import DegenerateGeometryError, SampleRejectedError
 from pix2face.face_files.annotations import AnnotatedFace
 from pix2face.face_files.coefficients import load_coefficients
 from pix2face.fitting.from_landmarks import LandmarkModel
-from pix2face.fitting.jaw_contour import JAW, JawContour
+from pix2face.fitting.jaw_contour import JAW
 from pix2face.geometry.camera import HeadPose, WeakPerspective, head_pose, rotation_of_pose, weak_perspective_camera
+from pix2face.geometry.landmarks import IBUG68_2D
 from pix2face.models.morphable_model import builtin_model, load_model
 from tests.model_files import write_small_head
 from tests.pix2face.face_files.test_annotations import write_pts
@@ -69,14 +70,26 @@ def test_a_folder_is_told_from_one_with_files_of_other_sizes(folder: Path) -> No
 
 
 def test_jaw_points_slide_only_where_they_follow_the_outline() -> None:
-    model, contour = LandmarkModel.of(MODEL), JawContour.of(MODEL)
+    fitter = AnnotatedFaceFitter.of(MODEL)
     by_hand = annotated(yaw_deg=45)
     depths = np.zeros(68)
     surface = replace(by_hand, follows_outline=False, depths_px=depths)
-    assert not np.array_equal(*jaw_points(fit_annotated_face(model, contour, by_hand)))
-    fit = fit_annotated_face(model, contour, replace(surface, depths_px=None))
+    assert not np.array_equal(*jaw_points(fitter.fit(by_hand)))
+    fit = fitter.fit(replace(surface, depths_px=None))
     assert np.array_equal(*jaw_points(fit))
     assert (fit.trust == 1).all()
+
+
+def test_points_that_people_mark_have_vertices_of_their_own() -> None:
+    model = builtin_model()
+    fitter = AnnotatedFaceFitter.of(model)
+    camera = weak_perspective_camera(WeakPerspective(1.2, rotation_of_pose(HeadPose(0, 0, 0)), np.full(2, 150.0)))
+    points = camera.project(model.mean[model.landmarks[IBUG68_2D]].astype(float))
+    marked = AnnotatedFace(image_path=Path("face.png"), landmarks2d=points)
+    by_hand, projected = (
+        relative_residual(fitter.fit(each), each) for each in (marked, replace(marked, follows_outline=False))
+    )
+    assert by_hand < 0.3 * projected
 
 
 def jaw_points(fit) -> tuple[np.ndarray, np.ndarray]:  # type: ignore[no-untyped-def]
@@ -87,7 +100,7 @@ def test_points_in_another_order_are_refused() -> None:
     face = annotated()
     shuffled = replace(face, landmarks2d=np.random.default_rng(0).permutation(face.landmarks2d))
     with pytest.raises(DegenerateGeometryError, match="68 iBUG points in their order"):
-        fit_annotated_face(LandmarkModel.of(MODEL), JawContour.of(MODEL), shuffled)
+        AnnotatedFaceFitter.of(MODEL).fit(shuffled)
 
 
 def test_the_command_writes_a_table_and_says_what_is_missing(

@@ -12,6 +12,7 @@ import trimesh
 from pix2face.commands.cli import main
 from pix2face.commands.result_folder import LIST_NAME
 from pix2face.geometry.camera import HeadPose
+from pix2face.geometry.landmarks import IBUG68_2D
 from pix2face.inference.predictor import Predictor
 from pix2face.models.morphable_model import MorphableModel, builtin_model
 from pix2face.models.surface_attributes import split_at_seams
@@ -242,21 +243,22 @@ def test_a_pipe_or_device_is_refused_at_once(
     assert f"{path}: expected a picture, found a device, pipe or socket" in capsys.readouterr().err
 
 
-def test_jaw_landmarks_slide_to_the_outline_on_request(with_model: Callable[..., None], tmp_path: Path) -> None:
+def test_landmarks_are_those_that_people_mark_on_request(with_model: Callable[..., None], tmp_path: Path) -> None:
     model, pose = builtin_model(), HeadPose(0, 45, 0)
     camera = posed_camera(140, 100, yaw_deg=45, scale=0.7)
     face = PhotographedFace(model, np.zeros(model.n_identity), np.zeros(model.n_expression), pose, camera)
     with_model(model, exact_predictor(model, [face.maps()]))
     photograph = write_picture(tmp_path / "person.png", face.photograph())
     fits = []
-    for contour in ("off", "2d"):
-        out = tmp_path / contour
-        assert call("fit", photograph, *where(face), "--mesh", "none", "--contour", contour, "--out", out) == 0
+    for landmark_type in ("3d", "2d"):
+        out = tmp_path / landmark_type
+        options = ("--mesh", "none", "--landmark-type", landmark_type, "--out", out)
+        assert call("fit", photograph, *where(face), *options) == 0
         fits.append(json.loads((out / "person-0.json").read_text()))
-    fixed, slid = (np.array(fit["landmarks2d_px"]) for fit in fits)
+    fixed, marked = (np.array(fit["landmarks2d_px"]) for fit in fits)
     np.testing.assert_allclose(fixed, face.landmarks2d, atol=0.5)
-    np.testing.assert_array_equal(fixed[17:], slid[17:])
-    assert np.linalg.norm(fixed - slid, axis=1).max() > 5
+    np.testing.assert_allclose(marked[17:], camera.project(model.mean[model.landmarks[IBUG68_2D]])[17:], atol=0.5)
+    assert np.linalg.norm(fixed - marked, axis=1)[:17].max() > 5
     assert fits[0]["landmarks3d_mm"] == fits[1]["landmarks3d_mm"]
     visible = np.array(fits[0]["landmarks_visible"])
     assert visible[[27, 30, 33, 8]].all()

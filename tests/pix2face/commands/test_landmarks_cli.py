@@ -9,7 +9,7 @@ from pix2face.errors import InputFileError, ModelMismatchError
 from pix2face.face_files.coefficients import FaceCoefficients, save_coefficients
 from pix2face.files.images import encode_image, read_photograph
 from pix2face.geometry.camera import Camera
-from pix2face.geometry.landmarks import IBUG68, INNER51, SCHEMES
+from pix2face.geometry.landmarks import IBUG68, INNER51, MIRROR_IBUG68, SCHEMES
 from pix2face.landmark_choice.landmark_file import load_landmarks, with_landmarks
 from pix2face.models.morphable_model import builtin_model
 
@@ -20,7 +20,7 @@ N_FRAMES = 6
 def annotated_faces(tmp_path):
     """Photographs (grey) with points at vertices that are not the model's own landmarks, and the table of their fits.
 
-    Every second point is one of the face's vertices beside the landmark.
+    Every second point is one of the face's vertices beside the landmark, and its mirror image that of the other side.
     """
     from datagen.sampling.faces import sample_faces
 
@@ -28,9 +28,12 @@ def annotated_faces(tmp_path):
     table = sample_faces(model, N_FRAMES, 5, 256)
     points = model.landmarks[IBUG68].copy()
     face = np.flatnonzero(model.is_face_vertex)
-    for landmark in range(0, 68, 2):
+    for landmark, other in enumerate(MIRROR_IBUG68):
+        if landmark % 2 or landmark >= other:
+            continue
         distances = np.linalg.norm(model.mean[face] - model.mean[points[landmark]], axis=1)
         points[landmark] = face[np.argsort(distances)[6]]
+        points[other] = model.symmetry[points[landmark]]
     folder = tmp_path / "data"
     folder.mkdir()
     names = tuple(f"face{index}" for index in range(N_FRAMES))

@@ -311,7 +311,7 @@ def sides_of(box):
         (["--smallest-face", 0.1], "--smallest-face: expected --boxes detected"),
         (["--boxes", "detected", "--smallest-face", 0], "above 0 and at most 1 (--smallest-face 0.02), found 0"),
         (["--boxes", "detected", "--detector", "haar"], "expected a detector of"),
-        (["--predictions", "p.npz", "--contour", "2d"], "--contour 2d: expected a fit"),
+        (["--predictions", "p.npz", "--landmark-type", "2d"], "--landmark-type: expected a checkpoint or --oracle"),
         (["--oracle", "--regularisation", 80], "--regularisation: expected a checkpoint"),
         (["--oracle", "--no-silhouette"], "--no-silhouette: expected a checkpoint"),
         (["--predictions", "p.npz", "--camera", "pinhole"], "--camera: expected a checkpoint or --oracle"),
@@ -326,8 +326,3 @@ def test_calls_that_cannot_be_meant_are_one_line(tmp_path, small_model, capsys, 
     assert message in error
     assert error.count("\n") == 1
     assert not (tmp_path / "out").exists()
-
-
-def test_a_contour_is_for_truths_that_follow_it(tmp_path, small_model, capsys):
-    assert measure(tmp_path, "--contour", "2d", split="aflw2000-3d") == 2
-    assert "--contour 2d: expected a split whose truth follows the visible outline" in capsys.readouterr().err

@@ -56,13 +56,15 @@ def test_a_picture_that_is_damaged_does_not_stop_what_is_measured_without_it(tmp
 
 def test_the_oracle_is_called_what_it_is(tmp_path, small_model, capsys):
     write_ibug(tmp_path)
-    assert measure(tmp_path, "--oracle") == 0
+    assert measure(tmp_path, "--oracle", "--landmark-type", "3d") == 0
     printed = capsys.readouterr().out
+    assert "Landmarks: fixed points of the model [3d]." in printed
     assert "Row oracle: NOT A RESULT: the model fitted to the truth itself" in printed
     assert "the model fitted to the true 2D landmarks" in printed
     assert stored_report(tmp_path)["table"][0]["all_images"]["mean"] < 0.01
-    assert measure(tmp_path, "--oracle", "--contour", "2d") == 0
-    assert "slide to the visible outline (--contour 2d)" in capsys.readouterr().out
+    assert measure(tmp_path, "--oracle") == 0
+    assert "with the jaw on the visible outline [2d]." in capsys.readouterr().out
+    assert stored_report(tmp_path)["landmark_type"] == "2d"
 
 
 @pytest.mark.parametrize(
@@ -100,8 +102,8 @@ def test_clips_are_drawn_as_a_whole_and_counted(tmp_path, small_model, capsys):
         for frame in ("000001", "000002"):
             write_photograph(tmp_path / clip / "imgs" / f"{frame}.png")
             write_pts(tmp_path / clip / "annot" / f"{frame}.pts", LANDMARKS)
-    assert measure(tmp_path, "--oracle", "--contour", "2d", "--no-allow-missing", split="300vw") == 3
-    assert measure(tmp_path, "--oracle", "--contour", "2d", split="300vw") == 0
+    assert measure(tmp_path, "--oracle", "--no-allow-missing", split="300vw") == 3
+    assert measure(tmp_path, "--oracle", split="300vw") == 0
     printed, report = capsys.readouterr().out, stored_report(tmp_path)
     assert "Evaluated 6 frames of 3 clips; 300vw has 64 clips to test on." in printed
     assert "300-VW; only 2 of 64 clips" in printed

@@ -143,10 +143,10 @@ def test_options_that_no_fit_can_use_are_refused(model, frontal, wrong):
         fit_face(frontal.maps, model, paper_fit(**wrong))
 
 
-def test_a_contour_that_does_not_exist_is_refused():
+def test_a_type_of_landmarks_that_does_not_exist_is_refused():
     options = paper_fit(regularisation=1.0)
-    object.__setattr__(options, "contour", "3d")  # as without the type checks of the tests
-    with pytest.raises(UsageError, match="expected --contour of off, 2d, found '3d'"):
+    object.__setattr__(options, "landmark_type", "4d")  # as without the type checks of the tests
+    with pytest.raises(UsageError, match="expected --landmark-type of auto, 3d, 2d, found '4d'"):
         options.check()
 
 

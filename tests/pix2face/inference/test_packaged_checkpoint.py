@@ -12,8 +12,10 @@ from skimage.data import astronaut
 from pix2face import Pix2Face
 from pix2face.face_files.annotations import find_annotations
 from pix2face.files.images import read_photograph
+from pix2face.fitting.fit_options import FitOptions, LandmarkType
 from pix2face.geometry.crops import FaceBox
-from pix2face.geometry.landmarks import IBUG68
+from pix2face.geometry.landmark_metrics import landmark_errors
+from pix2face.geometry.landmarks import IBUG68, IBUG68_2D, INNER51, MIRRORS
 from pix2face.inference import PACKAGED
 
 LARGEST_BYTES = 20_000_000
@@ -59,6 +61,15 @@ def test_it_was_trained_on_what_anybody_may_use(faces: Pix2Face) -> None:
     assert header.model_sha256 == faces.model.sha256
 
 
+def test_its_landmarks_mirror_each_other(faces: Pix2Face) -> None:
+    model = faces.model
+    assert model.symmetry is not None
+    assert {IBUG68, IBUG68_2D} <= set(model.landmarks)
+    for scheme in (IBUG68, IBUG68_2D):
+        vertices = model.landmarks[scheme]
+        np.testing.assert_array_equal(model.symmetry[vertices], vertices[list(MIRRORS[scheme])])
+
+
 def test_it_reads_a_photograph_found_by_the_detector(faces: Pix2Face) -> None:
     image = np.ascontiguousarray(astronaut())  # type: ignore[no-untyped-call]
     (fit,) = faces.fit(image)  # and nothing else in the picture, where the detector finds two faces more
@@ -78,3 +89,19 @@ def test_photographs_of_a_benchmark_are_read_as_well_as_the_docs_say(faces: Pix2
     assert len(errors) == 40
     assert np.median(errors) < 0.055
     assert np.mean(np.array(errors) > 0.1) <= 0.15
+
+
+def test_landmarks_of_the_type_2d_are_nearer_to_those_that_people_mark(faces: Pix2Face, shared_dir: Path) -> None:
+    types: tuple[LandmarkType, LandmarkType] = ("2d", "3d")
+    errors: dict[LandmarkType, list[float]] = {landmark_type: [] for landmark_type in types}
+    for annotation in find_annotations(shared_dir / "data" / "300w", IBUG68)[::3]:
+        annotated = annotation.load()
+        image, box = read_photograph(annotated.image_path), FaceBox.around(annotated.landmarks2d)
+        (prediction,) = faces.predict(image, [box])
+        for landmark_type in types:
+            options = FitOptions(landmark_type=landmark_type)
+            fit = faces.fit_prediction(prediction, (image.shape[0], image.shape[1]), options)
+            own = landmark_errors(fit.landmarks2d, annotated.landmarks2d, "outer-eye")
+            errors[landmark_type].append(float(own[list(INNER51)].mean()))
+    assert len(errors["2d"]) == 10
+    assert np.mean(errors["2d"]) < 0.9 * np.mean(errors["3d"])

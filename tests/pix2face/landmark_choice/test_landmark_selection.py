@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from pix2face.errors import DegenerateGeometryError, UsageError
-from pix2face.landmark_choice.landmark_selection import ReprojectionErrors, fold_of_frame
+from pix2face.landmark_choice.landmark_selection import MirrorImages, ReprojectionErrors, fold_of_frame
 
 N_VERTICES = 40
 TRUE = np.array([3, 17, 8])
@@ -58,6 +58,26 @@ def test_the_errors_of_given_vertices_are_those_of_the_definition():
         expected += np.linalg.norm(projected[TRUE] - annotated, axis=1) / np.sqrt(width * height) / len(frames)
     np.testing.assert_allclose(errors.of(CANDIDATES[TRUE]), expected)
     assert np.isnan(errors.of(np.array([1, 1, 1]))).all()  # odd numbers are no candidates
+
+
+def test_vertices_are_chosen_in_pairs_that_mirror_each_other():
+    """Annotations lie beside their vertices, all to one side, as a careless annotator's would."""
+    rng = np.random.default_rng(0)
+    x = np.array([-3.0, -2, -1, 0, 0, 1, 2, 3])  # the mirror image of each vertex but 3 and 4 is at 7 - i
+    vertices = np.column_stack([x, rng.normal(size=4)[[0, 1, 2, 3, 3, 2, 1, 0]] + [0, 0, 0, 0, 1, 0, 0, 0]])
+    mirror = MirrorImages(landmarks=(2, 1, 0), vertices=np.array([7, 6, 5, 3, 4, 2, 1, 0]))
+    aside = vertices[[1, 3, 6]] + [0.7, 0]
+    chosen = []
+    for pairs in (None, mirror):
+        errors = ReprojectionErrors(np.arange(8), 3, 2, pairs)
+        for fold in (0, 1):
+            errors.add(fold, vertices, aside)
+        chosen.append(errors.select())
+    alone, paired = chosen
+    assert alone.vertices[2] == 7
+    np.testing.assert_array_equal(paired.vertices, [1, 3, 6])
+    np.testing.assert_allclose(paired.error, alone.error.max())
+    np.testing.assert_allclose(paired.held_out_error, paired.error)
 
 
 def test_missing_landmarks_do_not_count():

@@ -5,7 +5,7 @@ from importlib.resources import files
 import numpy as np
 import pytest
 
-from pix2face.geometry.landmarks import IBUG68, MIRROR_IBUG68
+from pix2face.geometry.landmarks import IBUG68, IBUG68_2D, MIRROR_IBUG68
 from pix2face.models.morphable_model import MorphableModel, builtin_model
 
 
@@ -48,15 +48,19 @@ def test_frame_and_scale_are_those_of_an_adult_head(model: MorphableModel) -> No
     assert np.abs(model.mean).max() < 150
 
 
-def test_landmarks_mirror_each_other(model: MorphableModel) -> None:
+@pytest.mark.parametrize("scheme", [IBUG68, IBUG68_2D])
+def test_landmarks_mirror_each_other(model: MorphableModel, scheme: str) -> None:
     assert model.symmetry is not None
-    landmarks = model.landmarks[IBUG68]
+    landmarks = model.landmarks[scheme]
     np.testing.assert_array_equal(model.symmetry[landmarks], landmarks[np.array(MIRROR_IBUG68)])
     assert len(set(landmarks.tolist())) == 68
 
 
 def test_landmarks_lie_on_the_face(model: MorphableModel) -> None:
     assert model.is_face_vertex[model.landmarks[IBUG68]].all()
+    between = np.linalg.norm(model.mean[model.landmarks[IBUG68]] - model.mean[model.landmarks[IBUG68_2D]], axis=1)
+    assert between.max() < 25  # mm; along the jaw
+    assert np.median(between) < 5
 
 
 def test_triangles_face_outward(model: MorphableModel) -> None:

@@ -66,10 +66,13 @@ def test_a_release_brings_its_own_landmarks_along(checkpoint, tmp_path):
     chosen = (MODEL.landmarks["ibug68"].astype(int) + 1) % len(MODEL.mean)
     selection = LandmarkSelection(chosen, *(np.zeros(68) for _ in range(2)), np.ones(68, int))
     save_landmarks(tmp_path / "landmarks.json", MODEL, "ibug68", selection, {})
-    landmarks = ["--landmarks", str(tmp_path / "landmarks.json")]
+    inner = LandmarkSelection(chosen[17:], *(np.zeros(51) for _ in range(2)), np.ones(51, int))
+    save_landmarks(tmp_path / "inner.json", MODEL, "inner51", inner, {})
+    landmarks = ["--landmarks", str(tmp_path / "landmarks.json"), str(tmp_path / "inner.json")]
     assert main(["export", str(checkpoint), "--out", str(tmp_path / "release"), "--no-onnx", *landmarks]) == 0
     header, _ = load_checkpoint(tmp_path / "release" / "checkpoint.safetensors")
     np.testing.assert_array_equal(with_own_landmarks(MODEL, header).landmarks["ibug68"], chosen)
+    np.testing.assert_array_equal(with_own_landmarks(MODEL, header).landmarks["inner51"], chosen[17:])
     np.testing.assert_array_equal(with_own_landmarks(MODEL, HEADER).landmarks["ibug68"], MODEL.landmarks["ibug68"])
     assert "chosen on its fits" in (tmp_path / "release" / "README.md").read_text()
     with pytest.raises(UsageError, match="expected vertices of 0 to"):

@@ -154,11 +154,11 @@ def test_the_oracle_lets_jaw_points_slide_where_the_outline_was_annotated():
     landmarks2d[:17] = camera.project(jaw.mean[chosen])
     true = face(landmarks2d=landmarks2d)
     fixed, sliding = (
-        Evaluator(MODEL, OracleSubject(MODEL, FitOptions(contour=contour)), "box-sqrt")
+        Evaluator(MODEL, OracleSubject(MODEL, FitOptions(landmark_type=landmark_type)), "box-sqrt")
         .evaluate([true])[0]
         .landmark_errors[:17]
         .mean()
-        for contour in ("off", "2d")
+        for landmark_type in ("3d", "2d")
     )
     assert sliding < 0.5 * fixed
 
