@@ -12,7 +12,7 @@ import numpy as np
 from pix2face.errors import InputFileError, ModelMismatchError, UsageError
 from pix2face.files.json_text import Integer, read_json_file
 from pix2face.files.writing import write_file
-from pix2face.geometry.landmarks import SCHEMES
+from pix2face.geometry.landmarks import IBUG68, IBUG68_2D, SCHEMES
 from pix2face.inference.checkpoint import CheckpointHeader
 from pix2face.landmark_choice.landmark_selection import LandmarkSelection
 from pix2face.models.morphable_model import MorphableModel, open_model
@@ -102,6 +102,8 @@ def open_model_with(name_or_path: str, landmarks: Path | None) -> MorphableModel
 def with_landmarks(model: MorphableModel, path: Path) -> MorphableModel:
     """The model with the landmarks of a file instead of its own of the same scheme.
 
+    Landmarks of ``ibug68`` also take the place of those of ``ibug68-2d``: who chose them wants them for both types.
+
     Raises:
         InputFileError: As ``load_landmarks``, or a vertex that the model does not have.
         ModelMismatchError: The file was made for another model.
@@ -112,6 +114,9 @@ def with_landmarks(model: MorphableModel, path: Path) -> MorphableModel:
             f"{path}: landmarks of the model {choice.model.name} ({choice.model.sha256[:12]}), found "
             f"{model.name} ({model.sha256[:12]}); choose them again with `pix2face landmarks select`"
         )
+    if choice.scheme == IBUG68:
+        others = {scheme: vertices for scheme, vertices in model.landmarks.items() if scheme != IBUG68_2D}
+        model = replace(model, landmarks=MappingProxyType(others))
     try:
         return with_vertices(model, choice.scheme, choice.vertices)
     except UsageError as error:

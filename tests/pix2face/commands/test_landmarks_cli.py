@@ -9,7 +9,7 @@ from pix2face.errors import InputFileError, ModelMismatchError
 from pix2face.face_files.coefficients import FaceCoefficients, save_coefficients
 from pix2face.files.images import encode_image, read_photograph
 from pix2face.geometry.camera import Camera
-from pix2face.geometry.landmarks import IBUG68, INNER51, MIRROR_IBUG68, SCHEMES
+from pix2face.geometry.landmarks import IBUG68, IBUG68_2D, INNER51, MIRROR_IBUG68, SCHEMES
 from pix2face.landmark_choice.landmark_file import load_landmarks, with_landmarks
 from pix2face.models.morphable_model import builtin_model
 
@@ -63,6 +63,16 @@ def test_the_annotated_vertices_are_chosen_and_can_be_used(annotated_faces, tmp_
     assert "held-out" in capsys.readouterr().out
     model = with_landmarks(builtin_model(), out)
     np.testing.assert_array_equal(model.landmarks[IBUG68], points)
+    assert IBUG68_2D not in model.landmarks  # the chosen ones are for both types
+
+
+def test_points_that_people_mark_are_chosen_beside_the_others(annotated_faces, tmp_path):
+    folder, fits, points = annotated_faces
+    out = tmp_path / "marked.json"
+    assert select(folder, fits, out, "--scheme", "ibug68-2d", "--folds", "2") == 0
+    model = with_landmarks(builtin_model(), out)
+    np.testing.assert_array_equal(model.landmarks[IBUG68_2D], points)
+    np.testing.assert_array_equal(model.landmarks[IBUG68], builtin_model().landmarks[IBUG68])
 
 
 def test_the_inner_points_are_taken_out_of_68(annotated_faces, tmp_path):
