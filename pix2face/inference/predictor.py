@@ -22,6 +22,11 @@ from pix2face.networks import MAP_PLANES, MASK_PLANE, SEEN_PLANE
 
 # The network is hardly faster with more faces at a time, and memory stays small.
 FACES_AT_A_TIME = 16
+# The packaged network was trained with crops that are turned by up to 10 degrees. On photographs that were turned by 30
+# degrees, its error is 1.4 times that on upright ones.
+TILTED_RAD = np.radians(25)
+# The tilt is measured at about this number of pixels.
+TILT_PIXELS = 500
 # What there is where a GPU may be that torch can use.
 GPU_DRIVERS = Path("/dev/nvidiactl"), Path("/dev/kfd"), Path("/dev/dxg")
 
@@ -112,26 +117,20 @@ class Predictor:
         return self.predict_batch([(image, box)])[0]
 
     def predict_batch(self, faces: Sequence[tuple[UInt8[ndarray, "_ _ 3"], FaceBox]]) -> list[Prediction]:
-        """Predicts the maps of several faces, each a picture and a box as in ``predict``, in one pass of the network.
+        """Predicts the maps of several faces, each a picture and a box as in ``predict``.
+
+        Faces are predicted in one pass of the network, and those that are tilted in a second one, in crops that are
+        turned so that they are upright. This needs a network that predicts landmarks.
 
         All faces are in memory at once, so use it for a few dozen at most. ``predict_many`` takes any number.
         """
-        if not faces:
-            return []
-        crops, pictures = self._crops(faces)
-        answers = self._network.answers(pictures)
-        predictions = []
-        for place, (crop, (image, box)) in enumerate(zip(crops, faces, strict=True)):
-            maps, n_undefined = read_planes(answers.planes[place], self.header)
-            maps = replace(
-                maps,
-                in_photograph=pixels_in_image(crop, image.shape[:2]),
-                landmarks=None
-                if answers.landmarks is None
-                else read_landmarks(answers.landmarks[place], self.header.size_px),
-                correct=self._corrector(answers, place),
-            )
-            predictions.append(Prediction(maps, crop, box, n_undefined=n_undefined))
+        predictions = self._predictions(faces, self._crops(faces))
+        upright = {
+            place: crop for place, own in enumerate(predictions) if (crop := self._upright_crop(own)) is not None
+        }
+        again = self._predictions([faces[place] for place in upright], list(upright.values()))
+        for place, prediction in zip(upright, again, strict=True):
+            predictions[place] = prediction
         return predictions
 
     def predict_many(self, faces: Sequence[tuple[UInt8[ndarray, "_ _ 3"], FaceBox]]) -> list[Prediction]:
@@ -148,23 +147,78 @@ class Predictor:
         """
         found = []
         for start in range(0, len(faces), FACES_AT_A_TIME):
-            crops, pictures = self._crops(faces[start : start + FACES_AT_A_TIME])
-            numbers = self._network.landmarks(pictures)
+            several = faces[start : start + FACES_AT_A_TIME]
+            crops = self._crops(several)
+            numbers = self._network.landmarks(_network_input(several, crops))
             found += [(crop, read_landmarks(own, crop.size_px)) for crop, own in zip(crops, numbers, strict=True)]
         return found
 
-    def _crops(
-        self, faces: Sequence[tuple[UInt8[ndarray, "_ _ 3"], FaceBox]]
-    ) -> tuple[list[Crop], Float32[ndarray, "b s s 3"]]:
-        """Crops, and what the network takes."""
-        crops = [square_crop(box, self.header.crop_scale, self.header.size_px) for _, box in faces]
-        pictures = np.stack([crop_image(image, crop) for (image, _), crop in zip(faces, crops, strict=True)])
-        return crops, pictures.astype(np.float32) / 255 - 0.5
+    def _crops(self, faces: Sequence[tuple[UInt8[ndarray, "_ _ 3"], FaceBox]]) -> list[Crop]:
+        return [square_crop(box, self.header.crop_scale, self.header.size_px) for _, box in faces]
+
+    def _predictions(
+        self, faces: Sequence[tuple[UInt8[ndarray, "_ _ 3"], FaceBox]], crops: Sequence[Crop]
+    ) -> list[Prediction]:
+        """Predicts the maps of faces in given crops, in one pass."""
+        if not faces:
+            return []
+        answers = self._network.answers(_network_input(faces, crops))
+        predictions = []
+        for place, (crop, (image, box)) in enumerate(zip(crops, faces, strict=True)):
+            maps, n_undefined = read_planes(answers.planes[place], self.header)
+            maps = replace(
+                maps,
+                in_photograph=pixels_in_image(crop, image.shape[:2]),
+                landmarks=None
+                if answers.landmarks is None
+                else read_landmarks(answers.landmarks[place], self.header.size_px),
+                correct=self._corrector(answers, place),
+            )
+            predictions.append(Prediction(maps, crop, box, n_undefined=n_undefined))
+        return predictions
+
+    def _upright_crop(self, prediction: Prediction) -> Crop | None:
+        """A crop that shows a tilted face upright; None if the face is not tilted, or the network has no landmarks."""
+        landmarks = prediction.maps.landmarks
+        if landmarks is None:
+            return None
+        tilt = _tilt(prediction.maps)
+        if abs(tilt) <= TILTED_RAD:
+            return None
+        cos, sin = np.cos(tilt), np.sin(tilt)
+        from_turned = np.array([[cos, -sin, 0], [sin, cos, 0], [0, 0, 1]])
+        try:
+            box = FaceBox.around(landmarks.points2d @ from_turned[:2, :2])
+        except DegenerateGeometryError:
+            return None
+        crop = square_crop(box, self.header.crop_scale, self.header.size_px)
+        return replace(crop, image_from_crop=prediction.crop.image_from_crop @ from_turned @ crop.image_from_crop)
 
     def _corrector(self, answers: Answers, place: int) -> FitCorrector | None:
         if self._correction is None or answers.seen is None:
             return None
         return partial(self._correction.corrected, answers.seen[place], size_px=self.header.size_px)
+
+
+def _network_input(
+    faces: Sequence[tuple[UInt8[ndarray, "_ _ 3"], FaceBox]], crops: Sequence[Crop]
+) -> Float32[ndarray, "b s s 3"]:
+    pictures = np.stack([crop_image(image, crop) for (image, _), crop in zip(faces, crops, strict=True)])
+    return pictures.astype(np.float32) / 255 - 0.5
+
+
+def _tilt(maps: FaceMaps) -> float:
+    """The angle (radians) by which a head leans to the right in its picture; 0 without enough pixels.
+
+    It is that of the y axis of the model in the affine camera that projects PNCC to the pixels.
+    """
+    rows, columns = np.nonzero(maps.mask)
+    step = max(1, len(rows) // TILT_PIXELS)
+    rows, columns = rows[::step], columns[::step]
+    points = np.column_stack([maps.pncc[rows, columns].astype(np.float64), np.ones(len(rows))])
+    camera, _, rank, _ = np.linalg.lstsq(points, np.column_stack([columns, rows]).astype(np.float64))
+    right, down = camera[1]
+    return float(np.arctan2(right, -down)) if rank == points.shape[1] else 0.0
 
 
 def _on_device(path: Path, name: str | None) -> Predictor:

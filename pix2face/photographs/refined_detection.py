@@ -91,10 +91,17 @@ def refined_boxes(
 ) -> list[RefinedBox | None]:
     """What first predictions say of boxes, which are given as for ``refine_boxes``; None where there is no face."""
     if predictor.header.n_landmarks:
-        return [
+        found = [
             _around_landmarks(crop, landmarks, box)
             for (crop, landmarks), (_, box) in zip(predictor.predict_landmarks(faces), faces, strict=True)
         ]
+        # A face that is tilted too far is not plausible at first. A whole prediction looks at it upright.
+        doubtful = [place for place, own in enumerate(found) if own is None or not own.is_plausible]
+        again = predictor.predict_many([faces[place] for place in doubtful])
+        for place, prediction in zip(doubtful, again, strict=True):
+            assert prediction.maps.landmarks is not None
+            found[place] = _around_landmarks(prediction.crop, prediction.maps.landmarks, faces[place][1])
+        return found
     return [
         _around_fit(prediction, box, model)
         for prediction, (_, box) in zip(predictor.predict_many(faces), faces, strict=True)

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from jaxtyping import Float64
@@ -77,6 +78,17 @@ def test_it_reads_a_photograph_found_by_the_detector(faces: Pix2Face) -> None:
     distances = np.linalg.norm(fit.landmarks2d[list(ASTRONAUT)] - true, axis=1) / 65  # of the outer eye distance
     assert distances.mean() < 0.08
     assert distances.max() < 0.16
+
+
+@pytest.mark.parametrize("turn_deg", [40, -60, 90, 180])
+def test_it_reads_tilted_faces_as_well_as_upright_ones(faces: Pix2Face, turn_deg: int) -> None:
+    image = np.ascontiguousarray(astronaut())  # type: ignore[no-untyped-call]
+    (upright,) = faces.fit(image)
+    turn = cv2.getRotationMatrix2D((224, 130), turn_deg, 1)
+    turned = cv2.warpAffine(image, turn, (512, 512))
+    true = (upright.landmarks2d - 0.5) @ turn[:, :2].T + turn[:, 2] + 0.5
+    (fit,) = faces.fit(turned, [FaceBox.around(true)])
+    assert nme(fit.landmarks2d, true) < 0.03
 
 
 def test_photographs_of_a_benchmark_are_read_as_well_as_the_docs_say(faces: Pix2Face, shared_dir: Path) -> None:

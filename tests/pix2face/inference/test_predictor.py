@@ -10,6 +10,7 @@ from torch import Tensor
 from pix2face.errors import UsageError
 from pix2face.geometry.camera import affine_camera
 from pix2face.geometry.crops import FaceBox, crop_image, square_crop
+from pix2face.inference.answers import Answers
 from pix2face.inference.checkpoint import CheckpointHeader
 from pix2face.inference.predictor import Predictor
 from pix2face.inference.torch_networks import TorchNetwork, save_checkpoint
@@ -115,6 +116,56 @@ def test_a_batch_is_the_same_as_its_faces_one_by_one():
     assert predictor.predict_batch([]) == []
 
 
+class LeaningNetwork:
+    """Says of each picture that its head leans to the right by so much (radians), whatever it shows."""
+
+    def __init__(self, *tilts: float) -> None:
+        self.tilts, self.batches = tilts, []
+        self.numbers = np.random.default_rng(0).uniform(-0.3, 0.3, (68, 3)).astype(np.float32)
+
+    def answers(self, pictures: np.ndarray) -> Answers:
+        self.batches.append(pictures)
+        right, down = np.meshgrid(*2 * [np.linspace(-0.3, 0.3, pictures.shape[1])])
+        planes = []
+        for tilt in self.tilts[: len(pictures)]:
+            cos, sin = np.cos(tilt), np.sin(tilt)
+            pncc = np.stack([right * cos + down * sin, right * sin - down * cos, 0.75 - right**2 - down**2], axis=-1)
+            planes.append(np.concatenate([pncc, 0 * pncc], axis=-1))
+        return Answers(np.array(planes, dtype=np.float32), self.landmarks(pictures))
+
+    def landmarks(self, pictures: np.ndarray) -> np.ndarray:
+        return np.repeat(self.numbers[None], len(pictures), axis=0)
+
+
+@pytest.mark.parametrize("tilt_deg", [0, 20, -20, 30, -45, 90, 179])
+def test_tilted_faces_are_predicted_again_in_upright_crops(tilt_deg):
+    network = LeaningNetwork(np.radians(tilt_deg))
+    prediction = Predictor(network, replace(HEADER, n_landmarks=68)).predict(picture(), BOX)
+    first = square_crop(BOX, 1.4, 32)
+    if abs(tilt_deg) <= 20:
+        np.testing.assert_array_equal(prediction.crop.image_from_crop, first.image_from_crop)
+        assert len(network.batches) == 1
+        return
+    across = prediction.crop.image_from_crop[:2, 0]
+    assert np.degrees(np.arctan2(across[1], across[0])) == pytest.approx(tilt_deg, abs=1)
+    assert not prediction.crop.is_mirrored
+    around = FaceBox.around(prediction.crop.to_crop(first.to_image(32 * (network.numbers[:, :2] + 0.5))))
+    np.testing.assert_allclose(around.centre, 16)
+    assert around.longer_side == pytest.approx(32 / 1.4)
+    shown = (crop_image(picture(), prediction.crop).astype(np.float32) / 255 - 0.5)[None]
+    np.testing.assert_array_equal(network.batches[1], shown)
+
+
+def test_of_a_batch_only_tilted_faces_are_predicted_again():
+    network = LeaningNetwork(0.0, 1.0, 0.1)
+    faces = [(picture(seed), BOX) for seed in range(3)]
+    crops = [
+        own.crop.image_from_crop for own in Predictor(network, replace(HEADER, n_landmarks=68)).predict_batch(faces)
+    ]
+    assert [len(batch) for batch in network.batches] == [3, 1]
+    assert [bool(crop[0, 1]) for crop in crops] == [False, True, False]
+
+
 @pytest.fixture
 def checkpoint(tmp_path):
     """A network that corrects fits."""
@@ -130,7 +181,8 @@ def checkpoint(tmp_path):
 CAMERA, COEFFICIENTS = affine_camera(np.array([[0.3, 0, 0, 30.0], [0, -0.3, 0, 34.0]])), np.array([0.5, -1, 2])
 
 
-def test_torch_and_onnxruntime_predict_the_same(checkpoint):
+def test_torch_and_onnxruntime_predict_the_same(checkpoint, monkeypatch):
+    monkeypatch.setattr("pix2face.inference.predictor.TILTED_RAD", np.pi)  # the maps of random weights lean anywhere
     by_onnx, by_torch = (Predictor.load(checkpoint, device).predict(picture(), BOX) for device in ("cpu", "cpu:0"))
     np.testing.assert_allclose(by_onnx.maps.pncc, by_torch.maps.pncc, atol=1e-2)
     np.testing.assert_allclose(by_onnx.maps.landmarks.points2d, by_torch.maps.landmarks.points2d, atol=1e-3)

@@ -7,7 +7,9 @@ import pytest
 
 from pix2face.detectors.protocol import DetectedFace, overlap
 from pix2face.geometry.crops import INFERENCE_SCALE, FaceBox, square_crop
+from pix2face.inference.answers import Answers
 from pix2face.inference.predictor import FACES_AT_A_TIME, Predictor
+from pix2face.networks import MAP_PLANES
 from pix2face.photographs.refined_detection import RefinedBox, refine_boxes, refine_faces, refined_boxes
 from tests.pix2face.coloured_faces import camera_at, colour_predictor, draw_faces, true_box
 from tests.pix2face.photographs.seen_faces import exact_predictor, header_of, photographed_face
@@ -60,21 +62,29 @@ def test_a_box_beside_every_face_stays_as_it_is(scene):
 
 @dataclass(frozen=True)
 class LandmarkNetwork:
-    """Predicts the same landmarks in every crop. Its maps are never asked for."""
+    """Predicts the same landmarks in every crop, and maps without a face, or other landmarks with such maps."""
 
     numbers: np.ndarray
+    numbers_with_maps: np.ndarray
 
     def answers(self, pictures):
-        raise AssertionError("landmarks alone are enough")
+        maps = np.zeros((*pictures.shape[:3], MAP_PLANES), dtype=np.float32)
+        return Answers(maps, np.repeat(self.numbers_with_maps[None], len(pictures), axis=0))
 
     def landmarks(self, pictures):
         return np.repeat(self.numbers[None], len(pictures), axis=0)
 
 
-def landmark_predictor(model, points2d: np.ndarray, scale: float) -> Predictor:
-    """Predicts points of crops, in units of their side from their middle, with one scale of their errors."""
-    numbers = np.column_stack([points2d, np.full(len(points2d), np.log(scale))]).astype(np.float32)
-    return Predictor(LandmarkNetwork(numbers), replace(header_of(model), n_landmarks=len(points2d)))
+def landmark_predictor(model, points2d: np.ndarray, *scales: float) -> Predictor:
+    """Predicts points of crops, in units of their side from their middle, with one scale of their errors.
+
+    A second scale is for landmarks that are predicted with maps.
+    """
+    first, *_, last = (
+        np.column_stack([points2d, np.full(len(points2d), np.log(scale))]).astype(np.float32)
+        for scale in (*scales, scales[-1])
+    )
+    return Predictor(LandmarkNetwork(first, last), replace(header_of(model), n_landmarks=len(points2d)))
 
 
 @pytest.mark.parametrize(("scale", "is_plausible"), [(1 / 128, True), (6 / 128, False)])
@@ -91,6 +101,18 @@ def test_landmarks_of_the_network_and_their_expected_errors_decide_where_it_pred
     assert refined.is_plausible == is_plausible
     assert refined.is_refuted != is_plausible
     assert refined.residual_mm is None
+
+
+def test_a_doubtful_face_is_looked_at_again_with_its_maps_which_turn_it_upright():
+    model = small_head_model()
+    face = photographed_face(model)
+    points2d = square_crop(face.box, INFERENCE_SCALE, 128).to_crop(face.landmarks2d) / 128 - 0.5
+    doubtful, again = 6 / 128, 1 / 128
+    (refined,) = refined_boxes(
+        [(face.photograph(), face.box)], landmark_predictor(model, points2d, doubtful, again), model
+    )
+    assert refined is not None
+    assert refined.is_plausible
 
 
 def test_a_network_whose_landmarks_are_not_finite_finds_no_face():
