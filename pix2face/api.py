@@ -124,29 +124,19 @@ class Pix2Face:
     def find_faces(self, image: GivenPhotograph) -> list[DetectedFace]:
         """Finds the faces in a photograph: their boxes and scores, largest first; empty if there is none.
 
+        A photograph may lie on its side or be upside down, except for the detector of dlib.
+
         Raises:
             InputFileError: The photograph's file is missing, or cannot be decoded.
             UsageError: The photograph is neither a path, nor a PIL image, nor an 8-bit RGB array.
         """
         image = as_photograph(image)
         detector = self._detector or open_detector()
-        faces = sure_faces(detector.candidates(image), self._min_score)
+        search = detector.candidates_any_way_up if isinstance(detector, CentreDetector) else detector.candidates
+        faces = sure_faces(search(image), self._min_score)
         if self._refine and self._model is not None:
             return refine_faces(image, faces, self.predictor, self._model)
         return faces
-
-    def quarter_turns(self, image: GivenPhotograph) -> int:
-        """Returns how many turns of 90° counterclockwise (``numpy.rot90``) make the faces upright.
-
-        Detectors and networks expect upright faces. The number is 0 unless a face is clearly turned, and always 0 with
-        the detector of dlib.
-
-        Raises:
-            InputFileError: The photograph's file is missing, or cannot be decoded.
-            UsageError: The photograph is neither a path, nor a PIL image, nor an 8-bit RGB array.
-        """
-        detector = self._detector or open_detector()
-        return detector.quarter_turns(as_photograph(image)) if isinstance(detector, CentreDetector) else 0
 
     def predict(self, image: GivenPhotograph, boxes: GivenBoxes | None = None) -> list[Prediction]:
         """Predicts the maps of every face in a photograph.

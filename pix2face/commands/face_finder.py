@@ -20,11 +20,6 @@ NO_FACE = (
     "no face found; say where the face is with --box left top right bottom, look for smaller faces with "
     "--smallest-face (0.02 or less), or accept doubtful faces with --min-score 0.5"
 )
-QUARTER_TURNS = {1: "counterclockwise by 90°", 2: "by 180°", 3: "clockwise by 90°"}
-TURNED = (
-    "the face is not upright; turn the picture {how}, or say where the face is with "
-    "--box left top right bottom if the picture is right as it is"
-)
 
 
 def open_finder(options: PhotographOptions, *, needs_model: bool = True) -> "FaceFinder":
@@ -78,8 +73,6 @@ class FaceFinder:
         """
         boxes: Sequence[Box] = self._given(path, image)
         if not boxes:
-            if turns := self.pix2face.quarter_turns(image):
-                raise DegenerateGeometryError(TURNED.format(how=QUARTER_TURNS[turns]))
             boxes = self.pix2face.find_faces(image)
         if not boxes:
             raise DegenerateGeometryError(NO_FACE)

@@ -1,5 +1,6 @@
-"""What ``pix2face`` says of photographs without a face, of those on their side, and of boxes without a face."""
+"""Photographs without a face, those on their side, and boxes without a face."""
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -34,15 +35,19 @@ def test_no_face_is_one_line_and_the_rest_is_done(
     assert f"photographs: 2, faces: 1 -> {tmp_path / 'out'}" in lines
 
 
-@pytest.mark.parametrize(("turns", "how"), [(3, "counterclockwise by 90°"), (1, "clockwise by 90°")])
-def test_photographs_on_their_side_are_named_and_not_read(
-    untrained: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], turns: int, how: str
-) -> None:
+@pytest.mark.parametrize("turns", [1, 2, 3])
+def test_photographs_on_their_side_are_read(tmp_path: Path, turns: int) -> None:
+    upright = write_picture(tmp_path / "upright.png", astronaut())
     turned = write_picture(tmp_path / "turned.png", np.ascontiguousarray(np.rot90(astronaut(), turns)))
-    options = ("--no-refine", "--checkpoint", untrained, "--out", tmp_path / "out")
-    assert call("predict", turned, *options) == 3
-    assert f"{turned}: the face is not upright; turn the picture {how}" in capsys.readouterr().err
-    assert call("predict", turned, "--box", "200", "200", "300", "300", *options) == 0
+    assert call("fit", upright, turned, "--mesh", "none", "--out", tmp_path / "out") == 0
+    expected, found = (
+        np.array(json.loads((tmp_path / "out" / f"{name}-0.json").read_text())["landmarks2d_px"])
+        for name in ("upright", "turned")
+    )
+    for _ in range(turns):
+        expected = np.column_stack([expected[:, 1], 512 - expected[:, 0]])
+    assert np.linalg.norm(found - expected, axis=1).max() < 8  # of 100 pixels of the face
+    assert not (tmp_path / "out" / "turned-1.json").exists()
 
 
 def test_a_box_without_a_face_is_doubted(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

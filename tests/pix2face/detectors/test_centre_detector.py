@@ -12,7 +12,8 @@ from skimage.data import astronaut
 
 from pix2face.detectors.centre_decoding import decode
 from pix2face.detectors.centre_detector import LARGEST_SIDE_PX, LONGEST_SIDE_PX, CentreDetector
-from pix2face.detectors.protocol import DetectedFace, Detector
+from pix2face.detectors.protocol import DetectedFace, Detector, overlap
+from pix2face.geometry.crops import FaceBox
 from pix2face.networks.dimensions import CENTRE_MULTIPLE, CENTRE_STRIDE
 
 LONGEST_CANVAS_PX = -(-LONGEST_SIDE_PX // CENTRE_MULTIPLE) * CENTRE_MULTIPLE
@@ -129,11 +130,20 @@ def test_three_hundred_faces_are_found() -> None:
     assert len(decode(planes, CENTRE_STRIDE, 0.3)[0]) == 300
 
 
-@pytest.mark.parametrize(("turns", "needed"), [(0, 0), (1, 3), (2, 2), (3, 1)])
-def test_turned_pictures_are_noticed(turns: int, needed: int) -> None:
-    turned = np.ascontiguousarray(np.rot90(astronaut(), turns))
-    assert CentreDetector.load().quarter_turns(turned) == needed
+@pytest.mark.parametrize("turns", [1, 2, 3])
+def test_faces_of_turned_pictures_are_found_in_their_pixels(turns: int) -> None:
+    picture = np.ascontiguousarray(astronaut()[:450, :380])
+    (expected, *_) = CentreDetector.load().candidates(picture)
+    (found, *_) = CentreDetector.load().candidates_any_way_up(np.ascontiguousarray(np.rot90(picture, turns)))
+    corners = np.array([[expected.box.left, expected.box.top], [expected.box.right, expected.box.bottom]])
+    width, height = picture.shape[1], picture.shape[0]
+    for _ in range(turns):
+        corners = np.column_stack([corners[:, 1], width - corners[:, 0]])
+        width, height = height, width
+    assert overlap(found.box, FaceBox.around(corners)) > 0.8
 
 
-def test_where_there_is_no_face_nothing_is_turned() -> None:
-    assert CentreDetector.load().quarter_turns(np.full((200, 300, 3), 128, np.uint8)) == 0
+def test_upright_pictures_and_those_without_a_face_are_searched_as_they_are() -> None:
+    detector = CentreDetector.load()
+    for picture in (np.ascontiguousarray(astronaut()), np.full((200, 300, 3), 128, np.uint8)):
+        assert detector.candidates_any_way_up(picture) == detector.candidates(picture)
