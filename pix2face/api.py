@@ -10,7 +10,6 @@ from jaxtyping import UInt8
 from numpy import ndarray
 
 from pix2face.detectors import DEFAULT_DETECTOR, SURE_SCORE
-from pix2face.detectors.centre_detector import CentreDetector
 from pix2face.detectors.detection import DetectedFace, Detector, open_detector
 from pix2face.detectors.protocol import box_and_score, sure_faces
 from pix2face.errors import DegenerateGeometryError, UsageError
@@ -132,8 +131,7 @@ class Pix2Face:
         """
         image = as_photograph(image)
         detector = self._detector or open_detector()
-        search = detector.candidates_any_way_up if isinstance(detector, CentreDetector) else detector.candidates
-        faces = sure_faces(search(image), self._min_score)
+        faces = sure_faces(detector.candidates(image), self._min_score)
         if self._refine and self._model is not None:
             return refine_faces(image, faces, self.predictor, self._model)
         return faces

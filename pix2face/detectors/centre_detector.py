@@ -14,8 +14,8 @@ from jaxtyping import UInt8
 from numpy import ndarray
 
 from pix2face.detectors.centre_decoding import decode
-from pix2face.detectors.protocol import DetectedFace, sure_boxes
-from pix2face.geometry.crops import FaceBox
+from pix2face.detectors.protocol import DetectedFace, sure_boxes, without_doubles
+from pix2face.geometry.crops import FaceBox, centres_to_integers
 from pix2face.inference.centre_files import CentreAnswers, load_detector
 from pix2face.networks.dimensions import CENTRE_MULTIPLE, CENTRE_STRIDE
 
@@ -31,6 +31,9 @@ SURE_SCORE: Final = 0.4
 # surer by so much. Of 439 upright photographs of AFLW2000-3D, 300-W and dlib, one does: its face is turned by 64°.
 CONVINCING_SCORE: Final = 1.75
 SURER_BY: Final = 0.6
+TURNS_DEG: Final = range(45, 360, 45)
+# Faces that overlap by more are one.
+MOST_OVERLAP: Final = 0.4
 GREY: Final = 128  # what the network takes for nothing
 
 
@@ -63,58 +66,51 @@ class CentreDetector:
         return sure_boxes(self.candidates(image))
 
     def candidates(self, image: UInt8[ndarray, "h w 3"]) -> list[DetectedFace]:
-        """All faces found, surest first."""
-        return self.candidates_of_batch([image])[0]
+        """All faces found, surest first, also those that are tilted, lie on their side or are upside down.
 
-    def candidates_of_batch(self, images: Sequence[UInt8[ndarray, "_ _ 3"]]) -> list[list[DetectedFace]]:
-        """All faces of each picture, surest first. The pictures of one size go through the network together."""
-        seen = [_scaled(image, self._longest_side_px) for image in images]
-        places_by_shape: dict[tuple[int, ...], list[int]] = {}
-        for place, picture in enumerate(seen):
-            places_by_shape.setdefault(picture.shape, []).append(place)
-        found: list[list[DetectedFace]] = [[] for _ in images]
-        for (height, width, _), places in places_by_shape.items():
-            batch = np.full((len(places), _up(height), _up(width), 3), GREY, dtype=np.uint8)
-            batch[:, :height, :width] = [seen[place] for place in places]
-            for place, planes in zip(places, self._answers(batch), strict=True):
-                boxes, scores = decode(planes, CENTRE_STRIDE, LEAST_SCORE)
-                px_per_px = (images[place].shape[1] / width, images[place].shape[0] / height)
-                own = zip((boxes * np.tile(px_per_px, 2)).tolist(), (scores / SURE_SCORE).tolist(), strict=True)
-                found[place] = [DetectedFace(FaceBox(*box), score) for box, score in own]
-        return found
-
-    def candidates_any_way_up(self, image: UInt8[ndarray, "h w 3"]) -> list[DetectedFace]:
-        """All faces found, surest first, also if the picture lies on its side or is upside down.
-
-        If no upright face is convincing, the picture is also searched after turns of 90°, 180° and 270°. A turn counts
-        if its best face is clearly surer: a face that is upside down can look like an upright one.
+        If no upright face is convincing, the picture is also searched after turns by multiples of 45°. The turn with
+        the surest face counts if this face is clearly surer: one that is upside down can look like an upright one.
         """
-        upright = self.candidates(image)
+        upright = self._upright_candidates(image)
         best = _best_score(upright)
         if best >= CONVINCING_SCORE:
             return upright
-        small = _scaled(image, self._longest_side_px)
-        found = {turns: self.candidates(np.ascontiguousarray(np.rot90(small, turns))) for turns in (1, 2, 3)}
-        turns = max(found, key=lambda own: _best_score(found[own]))
-        if _best_score(found[turns]) < max(best + SURER_BY, 1.0):
+        turned = max((self._candidates_of_turned(image, degrees) for degrees in TURNS_DEG), key=_best_score)
+        if _best_score(turned) < max(best + SURER_BY, 1.0):
             return upright
-        px_per_px = image.shape[1] / small.shape[1], image.shape[0] / small.shape[0]
-        return [
-            DetectedFace(_turned_back(face.box, turns, small.shape, px_per_px), face.score) for face in found[turns]
-        ]
+        return without_doubles([*upright, *turned], MOST_OVERLAP)
+
+    def _upright_candidates(self, image: UInt8[ndarray, "h w 3"]) -> list[DetectedFace]:
+        seen = _scaled(image, self._longest_side_px)
+        height, width = seen.shape[:2]
+        padded = np.full((1, _up(height), _up(width), 3), GREY, dtype=np.uint8)
+        padded[0, :height, :width] = seen
+        boxes, scores = decode(self._answers(padded)[0], CENTRE_STRIDE, LEAST_SCORE)
+        px_per_px = (image.shape[1] / width, image.shape[0] / height)
+        found = zip((boxes * np.tile(px_per_px, 2)).tolist(), (scores / SURE_SCORE).tolist(), strict=True)
+        return [DetectedFace(FaceBox(*box), score) for box, score in found]
+
+    def _candidates_of_turned(self, image: UInt8[ndarray, "h w 3"], degrees: float) -> list[DetectedFace]:
+        """The faces of a picture that are found if it is turned anticlockwise, in its pixels."""
+        small = _scaled(image, LONGEST_SIDE_PX)  # also if small faces are wanted: seven turns take long enough
+        height, width = small.shape[:2]
+        side = max(height, width)
+        turn = cv2.getRotationMatrix2D((width / 2, height / 2), degrees, 1)
+        turn[:, 2] += (side - width) / 2, (side - height) / 2
+        px_per_px = np.diag([image.shape[1] / width, image.shape[0] / height, 1])
+        back = (px_per_px @ np.linalg.inv(np.vstack([turn, [0, 0, 1]])))[:2]
+        turned = cv2.warpAffine(small, centres_to_integers(turn), (side, side), borderValue=(GREY,) * 3)
+        faces = []
+        for face in self._upright_candidates(turned):
+            centre = back @ [*face.box.centre, 1]
+            # As the box around an ellipse, which faces nearly are.
+            half = np.hypot(back[:, 0] * face.box.width, back[:, 1] * face.box.height) / 2
+            faces.append(DetectedFace(FaceBox(*(centre - half).tolist(), *(centre + half).tolist()), face.score))
+        return faces
 
 
 def _best_score(faces: Sequence[DetectedFace]) -> float:
     return max((face.score for face in faces), default=0.0)
-
-
-def _turned_back(box: FaceBox, turns: int, shape: tuple[int, ...], px_per_px: tuple[float, float]) -> FaceBox:
-    """The box in a picture of this shape of one in ``np.rot90(picture, turns)``, in pixels of another size."""
-    x, y = np.array([box.left, box.right]), np.array([box.top, box.bottom])
-    for turn in reversed(range(turns)):
-        x, y = shape[1 - turn % 2] - y, x
-    x, y = np.sort(x) * px_per_px[0], np.sort(y) * px_per_px[1]
-    return FaceBox(float(x[0]), float(y[0]), float(x[1]), float(y[1]))
 
 
 def _scaled(image: UInt8[ndarray, "h w 3"], longest_side_px: float) -> UInt8[ndarray, "_ _ 3"]:

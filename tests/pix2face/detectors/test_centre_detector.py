@@ -2,7 +2,6 @@
 
 import tracemalloc
 from collections.abc import Callable
-from dataclasses import astuple
 
 import cv2
 import numpy as np
@@ -11,8 +10,8 @@ from numpy import ndarray
 from skimage.data import astronaut
 
 from pix2face.detectors.centre_decoding import decode
-from pix2face.detectors.centre_detector import LARGEST_SIDE_PX, LONGEST_SIDE_PX, CentreDetector
-from pix2face.detectors.protocol import DetectedFace, Detector, overlap
+from pix2face.detectors.centre_detector import LARGEST_SIDE_PX, LONGEST_SIDE_PX, TURNS_DEG, CentreDetector
+from pix2face.detectors.protocol import Detector, overlap
 from pix2face.geometry.crops import FaceBox
 from pix2face.networks.dimensions import CENTRE_MULTIPLE, CENTRE_STRIDE
 
@@ -71,25 +70,9 @@ def test_smaller_faces_are_looked_for_in_a_finer_picture_at_bounded_cost() -> No
     sizes: list[tuple[int, int]] = []
     for smallest_face in (None, 0.5, 0.02, 1e-6):
         CentreDetector(seen_sizes(sizes), smallest_face).detect(picture)
-    assert [max(size) for size in sizes] == [LONGEST_CANVAS_PX, LONGEST_CANVAS_PX, 608, LARGEST_SIDE_PX]
-
-
-def sides_of(faces: list[DetectedFace]) -> ndarray:
-    return np.array([astuple(face.box) for face in faces])
-
-
-def test_a_batch_of_pictures_gives_the_boxes_of_each_alone() -> None:
-    small = cv2.resize(ASTRONAUT, None, fx=0.7, fy=0.7, interpolation=cv2.INTER_AREA)
-    pictures = [ASTRONAUT, np.full_like(ASTRONAUT, 128), ASTRONAUT[:, ::-1], small, ASTRONAUT[:200]]
-    detector = CentreDetector.load()
-    batch = detector.candidates_of_batch(pictures)
-    assert len(batch) == len(pictures)
-    for together, picture in zip(batch, pictures, strict=True):
-        alone = detector.candidates(picture)
-        assert [face.score for face in together] == pytest.approx([face.score for face in alone], abs=1e-4)
-        np.testing.assert_allclose(sides_of(together), sides_of(alone), atol=0.01)
-    assert batch[0]
-    assert detector.candidates_of_batch([]) == []
+    looks = 1 + len(TURNS_DEG)
+    assert [max(size) for size in sizes[::looks]] == [LONGEST_CANVAS_PX, LONGEST_CANVAS_PX, 608, LARGEST_SIDE_PX]
+    assert max(max(sizes[place]) for place in range(len(sizes)) if place % looks) <= 2 * LONGEST_CANVAS_PX
 
 
 def test_three_hundred_people_on_one_picture() -> None:
@@ -134,7 +117,7 @@ def test_three_hundred_faces_are_found() -> None:
 def test_faces_of_turned_pictures_are_found_in_their_pixels(turns: int) -> None:
     picture = np.ascontiguousarray(astronaut()[:450, :380])
     (expected, *_) = CentreDetector.load().candidates(picture)
-    (found, *_) = CentreDetector.load().candidates_any_way_up(np.ascontiguousarray(np.rot90(picture, turns)))
+    (found, *_) = CentreDetector.load().candidates(np.ascontiguousarray(np.rot90(picture, turns)))
     corners = np.array([[expected.box.left, expected.box.top], [expected.box.right, expected.box.bottom]])
     width, height = picture.shape[1], picture.shape[0]
     for _ in range(turns):
@@ -146,4 +129,4 @@ def test_faces_of_turned_pictures_are_found_in_their_pixels(turns: int) -> None:
 def test_upright_pictures_and_those_without_a_face_are_searched_as_they_are() -> None:
     detector = CentreDetector.load()
     for picture in (np.ascontiguousarray(astronaut()), np.full((200, 300, 3), 128, np.uint8)):
-        assert detector.candidates_any_way_up(picture) == detector.candidates(picture)
+        assert detector.candidates(picture) == detector.candidates(picture)
