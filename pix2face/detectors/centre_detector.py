@@ -31,6 +31,7 @@ SURE_SCORE: Final = 0.4
 # surer by so much. Of 439 upright photographs of AFLW2000-3D, 300-W and dlib, one does: its face is turned by 64°.
 CONVINCING_SCORE: Final = 1.75
 SURER_BY: Final = 0.6
+SURE_IF_TURNED: Final = 1.5
 TURNS_DEG: Final = range(45, 360, 45)
 # Faces that overlap by more are one.
 MOST_OVERLAP: Final = 0.4
@@ -76,7 +77,7 @@ class CentreDetector:
         if best >= CONVINCING_SCORE:
             return upright
         turned = max((self._candidates_of_turned(image, degrees) for degrees in TURNS_DEG), key=_best_score)
-        if _best_score(turned) < max(best + SURER_BY, 1.0):
+        if _best_score(turned) < max(best + SURER_BY, SURE_IF_TURNED):
             return upright
         return without_doubles([*upright, *turned], MOST_OVERLAP)
 
