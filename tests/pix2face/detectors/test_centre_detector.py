@@ -10,7 +10,7 @@ from numpy import ndarray
 from skimage.data import astronaut
 
 from pix2face.detectors.centre_decoding import decode
-from pix2face.detectors.centre_detector import LARGEST_SIDE_PX, LONGEST_SIDE_PX, TURNS_DEG, CentreDetector
+from pix2face.detectors.centre_detector import LARGEST_SIDE_PX, LONGEST_SIDE_PX, SURE_SCORE, TURNS_DEG, CentreDetector
 from pix2face.detectors.protocol import Detector, overlap
 from pix2face.geometry.crops import FaceBox
 from pix2face.networks.dimensions import CENTRE_MULTIPLE, CENTRE_STRIDE
@@ -124,6 +124,21 @@ def test_faces_of_turned_pictures_are_found_in_their_pixels(turns: int) -> None:
         corners = np.column_stack([corners[:, 1], width - corners[:, 0]])
         width, height = height, width
     assert overlap(found.box, FaceBox.around(corners)) > 0.8
+
+
+@pytest.mark.parametrize(("turned", "expected"), [(1.4, 1.2), (1.7, 1.2), (1.9, 1.9)])
+def test_a_turned_face_in_the_place_of_an_upright_one_must_be_clearly_surer(turned: float, expected: float) -> None:
+    scores = iter([1.2, *[turned] * len(TURNS_DEG)])
+
+    def one_in_the_middle(pictures: ndarray) -> ndarray:
+        probability = next(scores) * SURE_SCORE
+        planes = np.zeros((1, *(side // CENTRE_STRIDE for side in pictures.shape[1:3]), 5), dtype=np.float32)
+        planes[..., 0] = -20
+        planes[0, 14, 14] = np.log(probability / (1 - probability)), 0.5, 0.5, np.log(6), np.log(6)
+        return planes
+
+    (face,) = CentreDetector(one_in_the_middle).candidates(np.zeros((240, 240, 3), dtype=np.uint8))
+    assert face.score == pytest.approx(expected)
 
 
 def test_upright_pictures_and_those_without_a_face_are_searched_as_they_are() -> None:
