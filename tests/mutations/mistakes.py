@@ -167,6 +167,12 @@ MISTAKES = (
             "centres = np.column_stack([columns, rows]) + 0.5", "centres = np.column_stack([columns, rows])", PHOTOGRAPHS + "/test_refined_detection.py"),
     Mistake("refinement: the box stays in the crop's pixels", "pix2face/photographs",
             "FaceBox.around(prediction.crop.to_image(fit.landmarks2d))", "FaceBox.around(fit.landmarks2d)", PHOTOGRAPHS + "/test_refined_detection.py"),
+    Mistake("tilt: to the other side", "pix2face/inference",
+            "np.arctan2(right, -down)", "np.arctan2(-right, -down)", INFERENCE + "/test_predictor.py"),
+    Mistake("tilt: the upright crop is that of an upright picture", "pix2face/inference",
+            "prediction.crop.image_from_crop @ from_turned @", "from_turned @", INFERENCE + "/test_predictor.py"),
+    Mistake("turned pictures: boxes where they are found", "pix2face/detectors",
+            "centre = back @ [*face.box.centre, 1]", "centre = face.box.centre", "tests/pix2face/detectors/test_centre_detector.py"),
     # Ground truth.
     Mistake("landmarks seen: rows for columns", "datagen/rendering",
             "column, row = np.floor(camera.project(points)).astype(np.int64).T",
