@@ -10,10 +10,10 @@ from typing import Final, final
 
 import cv2
 import numpy as np
-from jaxtyping import UInt8
+from jaxtyping import Float64, UInt8
 from numpy import ndarray
 
-from pix2face.detectors.centre_decoding import decode
+from pix2face.detectors.centre_decoding import SAME_FACE_OVERLAP, decode
 from pix2face.detectors.protocol import DetectedFace, overlap, sure_boxes, without_doubles
 from pix2face.geometry.crops import FaceBox, centres_to_integers
 from pix2face.inference.centre_files import CentreAnswers, load_detector
@@ -35,8 +35,6 @@ TURNS_DEG: Final = range(45, 360, 45)
 SURE_IF_TURNED: Final = 1.5
 # A face that is upside down can look like an upright one. Where both are found, the turned one must be surer by this.
 SURER_BY: Final = 0.6
-# Faces that overlap by more are one.
-MOST_OVERLAP: Final = 0.4
 GREY: Final = 128  # what the network takes for nothing
 
 
@@ -77,11 +75,13 @@ class CentreDetector:
         upright = self._upright_candidates(image)
         if _best_score(upright) >= CONVINCING_SCORE:
             return upright
-        turned = max((self._candidates_of_turned(image, degrees) for degrees in TURNS_DEG), key=_best_score)
+        small = _scaled(image, LONGEST_SIDE_PX)  # also if small faces are wanted: seven turns take long enough
+        px_per_px = np.array([image.shape[1] / small.shape[1], image.shape[0] / small.shape[0]])
+        turned = max((self._candidates_of_turned(small, turn, px_per_px) for turn in TURNS_DEG), key=_best_score)
         if _best_score(turned) < SURE_IF_TURNED:
             return upright
         clear = [face for face in turned if all(_is_other_or_surer(face, own) for own in upright)]
-        return without_doubles([*upright, *clear], MOST_OVERLAP)
+        return without_doubles([*upright, *clear], SAME_FACE_OVERLAP)
 
     def _upright_candidates(self, image: UInt8[ndarray, "h w 3"]) -> list[DetectedFace]:
         seen = _scaled(image, self._longest_side_px)
@@ -93,15 +93,15 @@ class CentreDetector:
         found = zip((boxes * np.tile(px_per_px, 2)).tolist(), (scores / SURE_SCORE).tolist(), strict=True)
         return [DetectedFace(FaceBox(*box), score) for box, score in found]
 
-    def _candidates_of_turned(self, image: UInt8[ndarray, "h w 3"], degrees: float) -> list[DetectedFace]:
-        """The faces of a picture that are found if it is turned anticlockwise, in its pixels."""
-        small = _scaled(image, LONGEST_SIDE_PX)  # also if small faces are wanted: seven turns take long enough
+    def _candidates_of_turned(
+        self, small: UInt8[ndarray, "h w 3"], degrees: float, px_per_px: Float64[ndarray, "2"]
+    ) -> list[DetectedFace]:
+        """The faces that are found if a small picture is turned anticlockwise, in the pixels of the large one."""
         height, width = small.shape[:2]
         side = max(height, width)
         turn = cv2.getRotationMatrix2D((width / 2, height / 2), degrees, 1)
         turn[:, 2] += (side - width) / 2, (side - height) / 2
-        px_per_px = np.diag([image.shape[1] / width, image.shape[0] / height, 1])
-        back = (px_per_px @ np.linalg.inv(np.vstack([turn, [0, 0, 1]])))[:2]
+        back = px_per_px[:, None] * cv2.invertAffineTransform(turn)
         turned = cv2.warpAffine(small, centres_to_integers(turn), (side, side), borderValue=(GREY,) * 3)
         faces = []
         for face in self._upright_candidates(turned):
@@ -113,7 +113,7 @@ class CentreDetector:
 
 
 def _is_other_or_surer(turned: DetectedFace, upright: DetectedFace) -> bool:
-    return overlap(turned.box, upright.box) <= MOST_OVERLAP or turned.score >= upright.score + SURER_BY
+    return overlap(turned.box, upright.box) <= SAME_FACE_OVERLAP or turned.score >= upright.score + SURER_BY
 
 
 def _best_score(faces: Sequence[DetectedFace]) -> float:

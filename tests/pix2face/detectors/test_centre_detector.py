@@ -126,22 +126,30 @@ def test_faces_of_turned_pictures_are_found_in_their_pixels(turns: int) -> None:
     assert overlap(found.box, FaceBox.around(corners)) > 0.8
 
 
+def one_in_the_middle(pictures: ndarray, score: float) -> ndarray:
+    """Answers as a network that sees one face, of 48 px, in the middle of 240 px."""
+    probability = score * SURE_SCORE
+    planes = np.zeros((1, *(side // CENTRE_STRIDE for side in pictures.shape[1:3]), 5), dtype=np.float32)
+    planes[..., 0] = -20
+    planes[0, 14, 14] = np.log(probability / (1 - probability)), 0.5, 0.5, np.log(6), np.log(6)
+    return planes
+
+
 @pytest.mark.parametrize(("turned", "expected"), [(1.4, 1.2), (1.7, 1.2), (1.9, 1.9)])
 def test_a_turned_face_in_the_place_of_an_upright_one_must_be_clearly_surer(turned: float, expected: float) -> None:
     scores = iter([1.2, *[turned] * len(TURNS_DEG)])
-
-    def one_in_the_middle(pictures: ndarray) -> ndarray:
-        probability = next(scores) * SURE_SCORE
-        planes = np.zeros((1, *(side // CENTRE_STRIDE for side in pictures.shape[1:3]), 5), dtype=np.float32)
-        planes[..., 0] = -20
-        planes[0, 14, 14] = np.log(probability / (1 - probability)), 0.5, 0.5, np.log(6), np.log(6)
-        return planes
-
-    (face,) = CentreDetector(one_in_the_middle).candidates(np.zeros((240, 240, 3), dtype=np.uint8))
+    detector = CentreDetector(lambda pictures: one_in_the_middle(pictures, next(scores)))
+    (face,) = detector.candidates(np.zeros((240, 240, 3), dtype=np.uint8))
     assert face.score == pytest.approx(expected)
 
 
-def test_upright_pictures_and_those_without_a_face_are_searched_as_they_are() -> None:
-    detector = CentreDetector.load()
-    for picture in (np.ascontiguousarray(astronaut()), np.full((200, 300, 3), 128, np.uint8)):
-        assert detector.candidates(picture) == detector.candidates(picture)
+@pytest.mark.parametrize(("score", "looks"), [(1.7, 1 + len(TURNS_DEG)), (1.8, 1)])
+def test_turned_pictures_are_searched_unless_an_upright_face_is_convincing(score: float, looks: int) -> None:
+    pictures: list[ndarray] = []
+
+    def answers(batch: ndarray) -> ndarray:
+        pictures.append(batch)
+        return one_in_the_middle(batch, score)
+
+    CentreDetector(answers).candidates(np.zeros((240, 240, 3), dtype=np.uint8))
+    assert len(pictures) == looks
