@@ -22,8 +22,8 @@ from pix2face.networks import MAP_PLANES, MASK_PLANE, SEEN_PLANE
 
 # The network is hardly faster with more faces at a time, and memory stays small.
 FACES_AT_A_TIME = 16
-# The packaged network was trained with crops that are turned by up to 10 degrees. On photographs that were turned by 30
-# degrees, its error is 1.4 times that on upright ones.
+# The packaged network was trained with crops that are turned by up to 10 degrees
+# (docs/explanation/detection_and_tracking.md has its errors on turned photographs).
 TILTED_RAD = np.radians(25)
 # The tilt is measured at about this number of pixels.
 TILT_PIXELS = 500

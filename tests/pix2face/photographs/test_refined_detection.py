@@ -75,16 +75,16 @@ class LandmarkNetwork:
         return np.repeat(self.numbers[None], len(pictures), axis=0)
 
 
-def landmark_predictor(model, points2d: np.ndarray, *scales: float) -> Predictor:
+def landmark_predictor(model, points2d: np.ndarray, scale: float, scale_with_maps: float | None = None) -> Predictor:
     """Predicts points of crops, in units of their side from their middle, with one scale of their errors.
 
-    A second scale is for landmarks that are predicted with maps.
+    The scale may be another where maps are predicted as well.
     """
-    first, *_, last = (
-        np.column_stack([points2d, np.full(len(points2d), np.log(scale))]).astype(np.float32)
-        for scale in (*scales, scales[-1])
+    alone, with_maps = (
+        np.column_stack([points2d, np.full(len(points2d), np.log(own))]).astype(np.float32)
+        for own in (scale, scale_with_maps or scale)
     )
-    return Predictor(LandmarkNetwork(first, last), replace(header_of(model), n_landmarks=len(points2d)))
+    return Predictor(LandmarkNetwork(alone, with_maps), replace(header_of(model), n_landmarks=len(points2d)))
 
 
 @pytest.mark.parametrize(("scale", "is_plausible"), [(1 / 128, True), (6 / 128, False)])
