@@ -1,11 +1,12 @@
-"""The command ``pix2face landmarks``, which chooses landmark vertices from annotated frames, and shows them."""
+"""The command ``pix2face landmarks``, which chooses landmarks of a model from annotated frames, and shows them."""
 
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Float64, Int
 from numpy import ndarray
 from rich.console import Console
 from rich.table import Table
@@ -22,21 +23,22 @@ from pix2face.geometry.crops import FaceBox
 from pix2face.geometry.landmarks import IBUG68, IBUG68_2D, IBUG68_PARTS, INNER51, INNER51_SCHEME, MIRRORS, SCHEMES
 from pix2face.inference.predictor import Predictor
 from pix2face.landmark_choice.landmark_file import load_landmarks, open_model_with, save_landmarks, with_landmarks
+from pix2face.landmark_choice.landmark_offsets import FittedFrame, LandmarkSelection, select_offsets
 from pix2face.landmark_choice.landmark_selection import (
-    LandmarkSelection,
     MirrorImages,
     ReprojectionErrors,
+    VertexSelection,
     fold_of_frame,
 )
 from pix2face.models.morphable_model import MorphableModel, open_model
 from pix2face.photographs.fit_pictures import draw_model_landmarks
 
 PROBLEMS_SHOWN = 10
+MOST_FRAMES = 5_000  # whose fits are remembered: more would tell the offsets no better
 console = Console(stderr=True)
 
-FittedFrame = tuple[Camera, Float64[ndarray, "v 3"]]
-# Takes an annotation and its points, and returns the camera and the mesh of its frame.
-FitFrame = Callable[[Annotation, AnnotatedFace], FittedFrame]
+# Takes an annotation and its points, and returns the camera and the coefficients of its frame.
+FitFrame = Callable[[Annotation, AnnotatedFace], tuple[Camera, Float64[ndarray, " c"]]]
 
 
 def landmarks(command: LandmarksCommand) -> int:
@@ -48,9 +50,9 @@ def _show(config: LandmarksShowConfig) -> int:
     check_output_file(config.out, (".png", ".jpg"))
     model = open_model(config.model)
     scheme = config.scheme if config.file is None else load_landmarks(config.file).scheme
-    choices = [model.landmarks[scheme]] if scheme in model.landmarks else []
+    choices = [model.mean_landmarks(scheme)] if scheme in model.landmarks else []
     if config.file is not None:
-        choices.append(with_landmarks(model, config.file).landmarks[scheme])
+        choices.append(with_landmarks(model, config.file).mean_landmarks(scheme))
     if not choices:
         known = ", ".join(sorted(model.landmarks)) or "none"
         raise UsageError(f"expected landmarks {scheme!r} in the model {model.name}, found {known}")
@@ -75,14 +77,15 @@ def _select(config: LandmarksSelectConfig) -> int:
     else:
         predictor = Predictor.load(config.network.path, config.network.device)
         fit_frame, origin = _predicted_fits(model, predictor), f"maps predicted by {config.network.path.name}"
-    problems = _measure(annotations, fit_frame, candidates, errors, config)
-    if len(problems) == len(annotations):
+    frames, problems = _measure(annotations, fit_frame, model, candidates, errors, config)
+    if not frames:
         raise UsageError(f"{config.data}: expected frames that can be fitted, found none: {problems[0]}")
-    selection = errors.select()
+    chosen = errors.select()
+    selection = select_offsets(chosen, frames, model, mirror and mirror.landmarks)
     n_frames = len(annotations) - len(problems)
     about = {"data": config.data.name, "fits": origin, "n_frames": n_frames, "folds": config.folds}
     save_landmarks(config.out, model, config.scheme, selection, about)
-    _report(config, model, errors, selection)
+    _report(config, errors, chosen, selection, model.landmarks.get(config.scheme))
     for problem in problems[:PROBLEMS_SHOWN]:
         say(console, problem)
     left_out = f", {counted(len(problems), 'frame')} left out" if problems else ""
@@ -93,23 +96,32 @@ def _select(config: LandmarksSelectConfig) -> int:
 def _measure(
     annotations: list[Annotation],
     fit_frame: FitFrame,
+    model: MorphableModel,
     candidates: ndarray,
     errors: ReprojectionErrors,
     config: LandmarksSelectConfig,
-) -> list[str]:
-    """Fits every frame and accumulates its errors. Returns one message for each frame that was left out."""
-    problems = []
+) -> tuple[list[FittedFrame], list[str]]:
+    """Fits every frame and accumulates its errors.
+
+    Returns:
+        The fits of up to ``MOST_FRAMES`` frames, and one message for each frame that was left out.
+    """
+    frames, problems, step = [], [], math.ceil(len(annotations) / MOST_FRAMES)
     with progress_bar(console, "frames", len(annotations)) as advance:
         for index, annotation in enumerate(annotations):
             try:
                 annotated = annotation.load()
-                camera, vertices = fit_frame(annotation, annotated)
+                camera, coefficients = fit_frame(annotation, annotated)
                 fold = fold_of_frame(index, len(annotations), config.folds)
-                errors.add(fold, camera.project(vertices[candidates]), annotated.landmarks2d)
+                identity, expression = np.split(coefficients[None], [model.n_identity], axis=1)
+                vertices = model.vertices(identity, expression)[0, candidates].astype(np.float64)
+                errors.add(fold, camera.project(vertices), annotated.landmarks2d)
+                if index % step == 0:
+                    frames.append(FittedFrame(fold, camera, coefficients, annotated.landmarks2d))
             except (InputFileError, DegenerateGeometryError) as error:
                 problems.append(f"{annotation.name}: {error}")
             advance()
-    return problems
+    return frames, problems
 
 
 def _given_fits(model: MorphableModel, path: Path) -> FitFrame:
@@ -121,12 +133,12 @@ def _given_fits(model: MorphableModel, path: Path) -> FitFrame:
         )
     row_of = {sample_id: row for row, sample_id in enumerate(table.sample_ids)}
 
-    def fit_frame(annotation: Annotation, _: AnnotatedFace) -> FittedFrame:
+    def fit_frame(annotation: Annotation, _: AnnotatedFace) -> tuple[Camera, Float64[ndarray, " c"]]:
         row = row_of.get(annotation.name)
         if row is None:
             raise InputFileError(f"expected its fit in {path}, found none of this name")
-        vertices = model.vertices(table.identity[row : row + 1], table.expression[row : row + 1])[0]
-        return Camera(table.cameras[row]), vertices.astype(np.float64)
+        coefficients = np.concatenate([table.identity[row], table.expression[row]])
+        return Camera(table.cameras[row]), coefficients.astype(np.float64)
 
     return fit_frame
 
@@ -137,7 +149,7 @@ def _predicted_fits(model: MorphableModel, predictor: Predictor) -> FitFrame:
     if framing is None:
         raise UsageError(f"expected a model with landmarks to frame faces by, {model.name} has none; give --coeffs")
 
-    def fit_frame(_: Annotation, annotated: AnnotatedFace) -> FittedFrame:
+    def fit_frame(_: Annotation, annotated: AnnotatedFace) -> tuple[Camera, Float64[ndarray, " c"]]:
         image = read_photograph(annotated.image_path)
         present = np.isfinite(annotated.landmarks2d).all(axis=1)
         box = FaceBox.around(annotated.landmarks2d[present])
@@ -146,23 +158,26 @@ def _predicted_fits(model: MorphableModel, predictor: Predictor) -> FitFrame:
             prediction = predictor.predict(image, box)
             fitted = fit_face(prediction.maps, model, scheme=framing).in_image(prediction.crop)
             box = FaceBox.around(fitted.landmarks2d)
-        return fitted.camera, fitted.vertices.astype(np.float64)
+        return fitted.camera, np.concatenate([fitted.identity, fitted.expression])
 
     return fit_frame
 
 
 def _report(
-    config: LandmarksSelectConfig, model: MorphableModel, errors: ReprojectionErrors, selection: LandmarkSelection
+    config: LandmarksSelectConfig,
+    errors: ReprojectionErrors,
+    chosen: VertexSelection,
+    selection: LandmarkSelection,
+    own: Int[ndarray, " m"] | None,
 ) -> None:
-    """Prints the errors by part of the face, of the model's own vertices and of the chosen ones."""
-    own = model.landmarks.get(config.scheme)
+    """Prints the errors by part of the face, of the model's own vertices and of what was chosen."""
     present = None if own is None else errors.of(own)
     table = Table(title=f"{config.scheme}: mean error, % of sqrt(w h) of the annotated points' box")
-    for heading in ("part", "vertices of the model", "chosen", "chosen, on held-out frames"):
+    for heading in ("part", "vertices of the model", "chosen vertices", "with offsets", "held-out frames"):
         table.add_column(heading, justify="left" if heading == "part" else "right")
     for part, members in _parts(config.scheme).items():
-        row = [None if present is None else present[members], selection.error[members]]
-        row.append(selection.held_out_error[members])
+        row = [None if present is None else present[members], chosen.error[members]]
+        row += [selection.error[members], selection.held_out_error[members]]
         table.add_row(part, *("-" if values is None else f"{100 * np.nanmean(values):.2f}" for values in row))
     Console().print(table)
 

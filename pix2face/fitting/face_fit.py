@@ -203,7 +203,7 @@ def check_scheme(model: MorphableModel, scheme: str) -> None:
 @lru_cache(maxsize=4)
 def _landmark_basis(model: MorphableModel, scheme: str) -> tuple[Float64[ndarray, "m 3"], Float64[ndarray, "m 3 c"]]:
     vertices = model.landmarks[scheme]
-    return model.mean[vertices].astype(np.float64), vertex_basis(model, vertices).astype(np.float64)
+    return model.mean_landmarks(scheme), vertex_basis(model, vertices).astype(np.float64)
 
 
 @lru_cache(maxsize=2)

@@ -71,7 +71,7 @@ class LandmarkModel:
         vertices = model.landmarks[scheme]
         # `take` returns arrays in C order. Indexing does not, and every product would have to copy the basis.
         basis = np.concatenate([each.take(vertices, axis=1) for each in (model.identity_basis, model.expression_basis)])
-        return cls(model.mean[vertices].astype(np.float64), basis.astype(np.float64), model.n_identity)
+        return cls(model.mean_landmarks(scheme), basis.astype(np.float64), model.n_identity)
 
     @classmethod
     def marked(cls, model: MorphableModel) -> "LandmarkModel":

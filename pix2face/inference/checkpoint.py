@@ -18,9 +18,10 @@ from pix2face.networks.dimensions import LARGEST_SIDE_PX, MOST_FILTERS, check_ne
 
 Side = Annotated[int, msgspec.Meta(ge=1, le=LARGEST_SIDE_PX)]
 Widths = Annotated[tuple[Annotated[int, msgspec.Meta(ge=1, le=MOST_FILTERS)], ...], msgspec.Meta(max_length=16)]
+Offset = tuple[float, float, float]
 NotNegative = Annotated[float, msgspec.Meta(ge=0)]
 METADATA_KEY = "pix2face-checkpoint"
-SCHEMA_VERSION = 5
+SCHEMA_VERSION = 6
 # Residual networks of earlier schemas have planes of the finest level alone.
 FIRST_WITH_COARSE_PLANES = 4
 
@@ -60,6 +61,8 @@ class CheckpointHeader:
     n_corrected: Annotated[int, msgspec.Meta(ge=0, le=1024)] = 0
     # Vertices of the schemes for which they were chosen on fits to this network's own maps.
     landmarks: Mapping[str, tuple[Integer, ...]] = field(default_factory=dict)
+    # How far these landmarks lie from their vertices, mm in the model frame; schemes that are absent lie at them.
+    landmark_offsets_mm: Mapping[str, tuple[Offset, ...]] = field(default_factory=dict)
     schema_version: int = SCHEMA_VERSION
 
     @classmethod
@@ -74,7 +77,8 @@ class CheckpointHeader:
             old: _FirstSchema = typed(known, _FirstSchema)
             known |= {"widths": paper_widths(old.size_px, old.filters), "schema_version": 2}
             del known["filters"]
-        if known.get("schema_version") in {2, 3, 4}:  # 2: without landmarks; 4: without corrections
+        # 2: without landmarks; 4: without corrections; 5: without offsets of landmarks
+        if known.get("schema_version") in {2, 3, 4, 5}:
             known["schema_version"] = SCHEMA_VERSION
         unknown = known.keys() - cls.__dataclass_fields__.keys()
         if unknown:

@@ -1,4 +1,4 @@
-"""Landmarks of a model chosen by the user: a JSON file that says which vertex is which (docs/reference)."""
+"""Landmarks of a model chosen by the user: a JSON file that says where each of them is (docs/reference)."""
 
 import json
 from collections.abc import Sequence
@@ -13,13 +13,14 @@ from pix2face.errors import InputFileError, ModelMismatchError, UsageError
 from pix2face.files.json_text import Integer, read_json_file
 from pix2face.files.writing import write_file
 from pix2face.geometry.landmarks import IBUG68, IBUG68_2D, SCHEMES
-from pix2face.inference.checkpoint import CheckpointHeader
-from pix2face.landmark_choice.landmark_selection import LandmarkSelection
+from pix2face.inference.checkpoint import CheckpointHeader, Offset
+from pix2face.landmark_choice.landmark_offsets import LandmarkSelection
 from pix2face.models.morphable_model import MorphableModel, open_model
 
 FORMAT = "pix2face-landmarks"
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
 LARGEST_FILE_BYTES = 1 << 20
+OFFSET_DECIMALS = 2
 
 
 @final
@@ -34,7 +35,7 @@ class ModelName:
 @final
 @dataclass(frozen=True)
 class LandmarkChoice:
-    """What is read of a file: which vertices of which model are the landmarks of a scheme.
+    """What is read of a file: where the landmarks of a scheme are on a model.
 
     Attributes:
         format: Tells the file from other JSON.
@@ -42,6 +43,8 @@ class LandmarkChoice:
         scheme: One of ``landmarks.SCHEMES``.
         vertices: One for each landmark.
         model: The model.
+        offsets_mm: How far each landmark lies from its vertex, mm in the model frame; empty if all lie at them, as in
+            files of schema 1.
     """
 
     format: Literal["pix2face-landmarks"]
@@ -49,6 +52,7 @@ class LandmarkChoice:
     scheme: str
     vertices: tuple[Integer, ...]
     model: ModelName
+    offsets_mm: tuple[Offset, ...] = ()
 
 
 def save_landmarks(
@@ -61,6 +65,7 @@ def save_landmarks(
         "scheme": scheme,
         "model": {"name": model.name, "sha256": model.sha256},
         "vertices": selection.vertices.tolist(),
+        "offsets_mm": selection.offsets_mm.round(OFFSET_DECIMALS).tolist(),
         "error": selection.error.round(6).tolist(),
         "held_out_error": selection.held_out_error.round(6).tolist(),
         "n_frames": selection.n_frames.tolist(),
@@ -86,6 +91,10 @@ def load_landmarks(path: Path) -> LandmarkChoice:
     n_expected, n_found = SCHEMES.get(choice.scheme), len(choice.vertices)
     if n_found != n_expected:
         raise InputFileError(f"{path}: expected the {n_expected} vertices of {choice.scheme}, found {n_found}")
+    if len(choice.offsets_mm) not in (0, n_expected):
+        raise InputFileError(
+            f"{path}: expected the offsets of {n_expected} landmarks, or none, found {len(choice.offsets_mm)}"
+        )
     return choice
 
 
@@ -118,21 +127,30 @@ def with_landmarks(model: MorphableModel, path: Path) -> MorphableModel:
         others = {scheme: vertices for scheme, vertices in model.landmarks.items() if scheme != IBUG68_2D}
         model = replace(model, landmarks=MappingProxyType(others))
     try:
-        return with_vertices(model, choice.scheme, choice.vertices)
+        return with_vertices(model, choice.scheme, choice.vertices, choice.offsets_mm)
     except UsageError as error:
         raise InputFileError(f"{path}: {error}") from error
 
 
-def with_vertices(model: MorphableModel, scheme: str, vertices: Sequence[int]) -> MorphableModel:
-    """The model with other vertices for the landmarks of a scheme.
+def with_vertices(
+    model: MorphableModel, scheme: str, vertices: Sequence[int], offsets_mm: Sequence[Offset] = ()
+) -> MorphableModel:
+    """The model with other vertices for the landmarks of a scheme, and offsets from them, if there are any.
 
     Raises:
-        UsageError: It has no such vertex.
+        UsageError: It has no such vertex, or there is another number of offsets.
     """
     chosen = np.array(vertices)
     if not ((chosen >= 0) & (chosen < len(model.mean))).all():
         raise UsageError(f"expected vertices of 0 to {len(model.mean) - 1}, found {chosen.max()}")
-    return replace(model, landmarks=MappingProxyType({**model.landmarks, scheme: chosen.astype(np.int32)}))
+    if offsets_mm and len(offsets_mm) != len(vertices):
+        raise UsageError(f"expected an offset for each of {len(vertices)} landmarks, found {len(offsets_mm)}")
+    offsets = np.array(offsets_mm or np.zeros((len(vertices), 3)), dtype=np.float64)
+    return replace(
+        model,
+        landmarks=MappingProxyType({**model.landmarks, scheme: chosen.astype(np.int32)}),
+        landmark_offsets_mm=MappingProxyType({**model.landmark_offsets_mm, scheme: offsets}),
+    )
 
 
 def with_own_landmarks(model: MorphableModel, header: CheckpointHeader) -> MorphableModel:
@@ -144,5 +162,5 @@ def with_own_landmarks(model: MorphableModel, header: CheckpointHeader) -> Morph
     """
     header.check_model(model.name, model.sha256)
     for scheme, vertices in header.landmarks.items():
-        model = with_vertices(model, scheme, vertices)
+        model = with_vertices(model, scheme, vertices, header.landmark_offsets_mm.get(scheme, ()))
     return model

@@ -31,10 +31,11 @@ LEAST_FOLDS = 2
 
 @final
 @dataclass(frozen=True, eq=False)
-class LandmarkSelection:
+class VertexSelection:
     """The vertices chosen for the landmarks of a scheme, and their errors as shares of sqrt(w h) of the face's box."""
 
     vertices: Int[ndarray, " m"]  # their numbers in the model
+    without_fold: Int[ndarray, "k m"]  # those that are chosen without the frames of each fold
     error: Float64[ndarray, " m"]  # mean over all frames, which chose the vertices: too optimistic
     held_out_error: Float64[ndarray, " m"]  # mean over frames that were not used for the choice
     n_frames: Int[ndarray, " m"]  # how many frames have each landmark
@@ -87,13 +88,11 @@ class ReprojectionErrors:
         present = np.isfinite(annotated).all(axis=1)
         if not np.isfinite(projected).all():
             raise DegenerateGeometryError("expected a fit with finite projections, found some that are not")
-        box = FaceBox.around(annotated)
-        if not box.width * box.height > 0:
+        if not size_px(annotated) > 0:
             raise DegenerateGeometryError("expected annotated points around a face, found them all in one line")
-        size_px = float(np.sqrt(box.width * box.height))
         for landmark in np.flatnonzero(present):
             distances = np.linalg.norm(projected - annotated[landmark], axis=1)
-            self._sums[fold, landmark] += distances / size_px
+            self._sums[fold, landmark] += distances / size_px(annotated)
         self._counts[fold] += present
 
     def of(self, vertices: Int[ndarray, " m"]) -> Float64[ndarray, " m"]:
@@ -102,7 +101,7 @@ class ReprojectionErrors:
         mean = self._sums.sum(axis=0) / np.maximum(self._counts.sum(axis=0), 1)[:, None]
         return np.array([mean[row, place[int(v)]] if int(v) in place else np.nan for row, v in enumerate(vertices)])
 
-    def select(self) -> LandmarkSelection:
+    def select(self) -> VertexSelection:
         """Chooses the vertices.
 
         Raises:
@@ -119,8 +118,9 @@ class ReprojectionErrors:
         chosen = self._best(sums)
         others = [self._best(sums - own) for own in self._sums]
         held_out = np.stack([own[rows, choice] for own, choice in zip(self._sums, others, strict=True)]).sum(axis=0)
-        return LandmarkSelection(
+        return VertexSelection(
             vertices=self._candidates[chosen],
+            without_fold=self._candidates[np.stack(others)],
             error=sums[rows, chosen] / counts,
             held_out_error=held_out / counts,
             n_frames=counts,
@@ -139,6 +139,16 @@ class ReprojectionErrors:
         is_second = others < np.arange(len(sums))
         best[is_second] = image[best[others[is_second]]]
         return best
+
+
+def size_px(annotated: Float64[ndarray, "m 2"]) -> float:
+    """What errors are divided by: sqrt(w h) of the box of the annotated points.
+
+    Raises:
+        DegenerateGeometryError: The points have no extent.
+    """
+    box = FaceBox.around(annotated)
+    return float(np.sqrt(box.width * box.height))
 
 
 def fold_of_frame(index: int, n_frames: int, n_folds: int) -> int:

@@ -3,7 +3,8 @@
 Source: Blanz and Vetter 1999; Crispell and Bazik 2017, Eq. 3.
 """
 
-from dataclasses import dataclass, fields, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property, lru_cache
 from importlib.resources import as_file, files
 from pathlib import Path
@@ -11,7 +12,7 @@ from types import MappingProxyType
 from typing import final
 
 import numpy as np
-from jaxtyping import Bool, Float, Float32, Int32, UInt8
+from jaxtyping import Bool, Float, Float32, Float64, Int32, UInt8
 from numpy import ndarray
 
 from pix2face.geometry.landmarks import IBUG68_2D
@@ -33,6 +34,8 @@ class MorphableModel(LinearModel):
     triangle_regions: UInt8[ndarray, " t"]  #: indices into ``region_names``
     #: For each triangle its three texture coordinates (they split along seams).
     uv_triangles: Int32[ndarray, "t 3"] | None = None
+    #: By scheme, how far each landmark lies from its vertex, mm in the model frame. Others lie at their vertices.
+    landmark_offsets_mm: Mapping[str, Float64[ndarray, "m 3"]] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         """The model in one line, without its arrays."""
@@ -76,6 +79,10 @@ class MorphableModel(LinearModel):
         """The vertices of the triangles of the given regions, in ascending order."""
         return np.unique(self.triangles[self.triangles_of(*regions)])
 
+    def mean_landmarks(self, scheme: str) -> Float64[ndarray, "m 3"]:
+        """The landmarks of a scheme on the mean face (mm): their vertices, moved by their offsets."""
+        return np.asarray(self.mean[self.landmarks[scheme]] + self.landmark_offsets_mm.get(scheme, np.zeros(3)))
+
     def vertices(self, identity: Float[ndarray, "n k"], expression: Float[ndarray, "n e"]) -> Float32[ndarray, "n v 3"]:
         """The vertices (mm, model frame) of faces with the given coefficients, in standard deviations.
 
@@ -115,8 +122,12 @@ def builtin_model(refinement_steps: int | None = None) -> MorphableModel:
         model = load_model(path, refinement_steps)
     # Beside the file, whose hash shards and checkpoints carry.
     with (assets / f"{IBUG68_2D}.txt").open() as table:
-        marked = np.loadtxt(table, dtype=np.int32, usecols=1)
-    return replace(model, landmarks=MappingProxyType({**model.landmarks, IBUG68_2D: marked}))
+        marked = np.loadtxt(table)
+    return replace(
+        model,
+        landmarks=MappingProxyType({**model.landmarks, IBUG68_2D: marked[:, 1].astype(np.int32)}),
+        landmark_offsets_mm=MappingProxyType({IBUG68_2D: marked[:, 2:]}),
+    )
 
 
 def open_model(name_or_path: str) -> MorphableModel:

@@ -4,7 +4,7 @@ from dataclasses import astuple
 
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float, Float32, Int, UInt8
+from jaxtyping import Bool, Float, Float32, Float64, UInt8
 from numpy import ndarray
 
 from pix2face.fitting.face_fit import FaceFit
@@ -131,10 +131,10 @@ MM_A_PANEL = 280.0
 COLOURS = ((20, 140, 20), (210, 40, 40))
 
 
-def draw_model_landmarks(model: MorphableModel, choices: list[Int[ndarray, " m"]]) -> UInt8[ndarray, "h w 3"]:
-    """The mean face, frontal, half turned and in profile, with landmark vertices.
+def draw_model_landmarks(model: MorphableModel, choices: list[Float64[ndarray, "_ 3"]]) -> UInt8[ndarray, "h w 3"]:
+    """The mean face, frontal, half turned and in profile, with landmarks.
 
-    Of ``choices``, up to two lists of vertices, the first is drawn in green and the second in red.
+    Of ``choices``, up to two lists of points (mm, model frame), the first is drawn in green and the second in red.
     """
     panels = []
     face = model.mean[model.is_face_vertex]
@@ -146,8 +146,8 @@ def draw_model_landmarks(model: MorphableModel, choices: list[Int[ndarray, " m"]
             WeakPerspective(scale, rotation, np.full(2, PANEL_PX / 2) - scale * (rotation @ middle)[:2])
         )
         panel = shaded_face(np.full((PANEL_PX, PANEL_PX, 3), 255, np.uint8), model.mean, model, camera)
-        for vertices, colour in zip(choices, COLOURS, strict=False):
-            for number, (x, y) in enumerate(camera.project(model.mean[vertices])):
+        for points, colour in zip(choices, COLOURS, strict=False):
+            for number, (x, y) in enumerate(camera.project(points)):
                 place = (round(float(x)), round(float(y)))
                 cv2.circle(panel, place, 2, colour, -1, cv2.LINE_AA)
                 beside = (place[0] + 3, place[1] - 3)

@@ -107,7 +107,7 @@ def _settings(networks: PageNetworks) -> dict[str, Any]:
             "error_of_scale": ERROR_OF_FIT * MEAN_OF_SCALE,
             "plausible_overlap": PLAUSIBLE_OVERLAP,
             "seen_mm": SEEN_MM,
-            "landmarks_mm": model.mean[model.landmarks[IBUG68]].astype(float).round(3).tolist(),
+            "landmarks_mm": model.mean_landmarks(IBUG68).round(3).tolist(),
         },
     }
 

@@ -23,7 +23,11 @@ def export(config: ExportConfig) -> int:
     for path in config.landmarks:
         choice = load_landmarks(path)
         header.check_model(choice.model.name, choice.model.sha256)
-        header = replace(header, landmarks={**header.landmarks, choice.scheme: choice.vertices})
+        header = replace(
+            header,
+            landmarks={**header.landmarks, choice.scheme: choice.vertices},
+            landmark_offsets_mm={**header.landmark_offsets_mm, choice.scheme: choice.offsets_mm},
+        )
     prepare_output_folder(config.out)
     weights = config.out / WEIGHTS_NAME
     save_checkpoint(weights, header, network, torch.float16)

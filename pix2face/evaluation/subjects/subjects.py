@@ -13,13 +13,12 @@ from pix2face.errors import DegenerateGeometryError
 from pix2face.evaluation.benchmarks.benchmark_data import BenchmarkFace
 from pix2face.evaluation.figures.detection_summary import FaceDetection
 from pix2face.evaluation.subjects.predictions_file import Predictions
-from pix2face.fitting.face_fit import FaceFit, fit_face
+from pix2face.fitting.face_fit import FaceFit, face_of_coefficients, fit_face
 from pix2face.fitting.fit_options import DEFAULT_FIT, EXACT_MAPS_REGULARISATION, FitOptions
 from pix2face.fitting.from_landmarks import LandmarkModel, fit_landmarks
 from pix2face.fitting.jaw_contour import JawContour
 from pix2face.geometry.camera import Camera, head_pose, nearest_weak_perspective
 from pix2face.geometry.crops import Crop, FaceBox, image_centre_in_crop
-from pix2face.geometry.landmarks import IBUG68
 from pix2face.geometry.maps import FaceMaps
 from pix2face.inference.predictor import Prediction
 from pix2face.models.morphable_model import MorphableModel
@@ -181,12 +180,11 @@ class OracleSubject:
             fitted = fit_landmarks(model, face.landmarks2d, contour=contour)
         except DegenerateGeometryError as error:
             return FoundFace(landmarks2d=None, failure=str(error))
-        vertices = self.model.vertices(fitted.identity[None], fitted.expression[None])[0]
-        landmarks3d = vertices[self.model.landmarks[IBUG68]].astype(np.float64)
+        found = face_of_coefficients(self.model, fitted.camera, fitted.identity, fitted.expression)
         return FoundFace(
             landmarks2d=fitted.matched2d,
-            landmarks3d=landmarks3d,
-            z_px=z_in_picture(fitted.camera, landmarks3d),
+            landmarks3d=found.landmarks3d,
+            z_px=z_in_picture(fitted.camera, found.landmarks3d),
             pose_deg=pose_of(fitted.camera, self.model_from_stated),
             identity=fitted.identity,
             expression=fitted.expression,

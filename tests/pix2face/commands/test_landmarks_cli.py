@@ -1,13 +1,15 @@
 import json
 import shutil
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from pix2face.commands.cli import main
 from pix2face.errors import InputFileError, ModelMismatchError
-from pix2face.face_files.coefficients import FaceCoefficients, save_coefficients
+from pix2face.face_files.coefficients import FaceCoefficients, load_coefficients, save_coefficients
 from pix2face.files.images import encode_image, read_photograph
+from pix2face.fitting.face_fit import face_of_coefficients
 from pix2face.geometry.camera import Camera
 from pix2face.geometry.landmarks import IBUG68, IBUG68_2D, INNER51, MIRROR_IBUG68, SCHEMES
 from pix2face.landmark_choice.landmark_file import load_landmarks, with_landmarks
@@ -48,6 +50,30 @@ def annotated_faces(tmp_path):
     return folder, tmp_path / "fits.h5", points
 
 
+def test_points_beside_the_surface_are_chosen_with_their_offsets(annotated_faces, tmp_path):
+    """Three millimetres in front of the face: no vertex is there."""
+    folder, fits, points = annotated_faces
+    table, model = load_coefficients(fits), builtin_model()
+    for index, name in enumerate(table.sample_ids):
+        vertices = model.vertices(table.identity[index][None], table.expression[index][None])[0]
+        pixels = Camera(table.cameras[index]).project(vertices[points] + np.float32([0, 0, 3])) + 0.5
+        lines = "\n".join(f"{x:.9f} {y:.9f}" for x, y in pixels)
+        (folder / f"{name}.pts").write_text(f"version: 1\nn_points: 68\n{{\n{lines}\n}}\n")
+    out = tmp_path / "chosen.json"
+    assert select(folder, fits, out, "--folds", "3") == 0
+    with_offsets = with_landmarks(model, out)
+    vertices_alone = replace(with_offsets, landmark_offsets_mm={})
+    identity, expression = table.identity[0].astype(float), table.expression[0].astype(float)
+    true = model.vertices(identity[None], expression[None])[0, points] + np.float32([0, 0, 3])
+    errors = [
+        np.linalg.norm(
+            face_of_coefficients(own, Camera(table.cameras[0]), identity, expression).landmarks3d - true, axis=1
+        )
+        for own in (with_offsets, vertices_alone)
+    ]
+    assert errors[0].mean() < 0.92 * errors[1].mean()  # six frames shrink offsets to a quarter
+
+
 def select(folder, fits, out, *more):
     return main(["landmarks", "select", "--data", str(folder), "--coeffs", str(fits), "--out", str(out), *more])
 
@@ -59,6 +85,7 @@ def test_the_annotated_vertices_are_chosen_and_can_be_used(annotated_faces, tmp_
     content = json.loads(out.read_text())
     np.testing.assert_array_equal(content["vertices"], points)
     assert max(content["held_out_error"]) < 1e-4
+    assert np.abs(content["offsets_mm"]).max() <= 0.02
     assert content["n_frames"] == [N_FRAMES] * 68
     assert "held-out" in capsys.readouterr().out
     model = with_landmarks(builtin_model(), out)
@@ -125,6 +152,9 @@ def test_the_landmarks_of_a_model_are_drawn(tmp_path):
         ({"scheme": "unknown"}, "unknown"),
         ({"vertices": ["x"] * 68}, "something else .*Expected `int`"),
         ({"model": 3}, "something else"),
+        ({"offsets_mm": [[0, 0, 1]]}, "offsets of 68 landmarks, or none, found 1"),
+        ({"offsets_mm": [[0, 1]] * 68}, "something else"),
+        ({"offsets_mm": [[0, 0, float("nan")]] * 68}, "something else"),
         ({"vertices": [float("inf")] * 68}, "something else"),
     ],
 )
@@ -140,6 +170,7 @@ def test_damaged_files_are_refused(tmp_path, change, message):
     }
     path.write_text(json.dumps(sound))
     assert with_landmarks(model, path).landmarks[IBUG68][67] == 67
+    np.testing.assert_array_equal(with_landmarks(model, path).mean_landmarks(IBUG68)[67], model.mean[67])
     path.write_text(json.dumps({**sound, **change}))
     with pytest.raises(InputFileError, match=message):
         load_landmarks(path)

@@ -15,7 +15,7 @@ from pix2face.inference.checkpoint import CheckpointHeader
 from pix2face.inference.predictor import Predictor
 from pix2face.inference.torch_networks import load_checkpoint, save_checkpoint
 from pix2face.landmark_choice.landmark_file import save_landmarks, with_own_landmarks
-from pix2face.landmark_choice.landmark_selection import LandmarkSelection
+from pix2face.landmark_choice.landmark_offsets import LandmarkSelection
 from pix2face.networks.dimensions import residual_widths
 from pix2face.networks.residual import ResidualUNet
 from tests.pix2face.benchmark_files import write_heldout
@@ -64,19 +64,24 @@ def test_weights_of_half_the_size_predict_the_same(checkpoint, tmp_path):
 
 def test_a_release_brings_its_own_landmarks_along(checkpoint, tmp_path):
     chosen = (MODEL.landmarks["ibug68"].astype(int) + 1) % len(MODEL.mean)
-    selection = LandmarkSelection(chosen, *(np.zeros(68) for _ in range(2)), np.ones(68, int))
+    offsets = np.tile([0.5, -1.25, 2.0], (68, 1))
+    selection = LandmarkSelection(chosen, offsets, *(np.zeros(68) for _ in range(2)), np.ones(68, int))
     save_landmarks(tmp_path / "landmarks.json", MODEL, "ibug68", selection, {})
-    inner = LandmarkSelection(chosen[17:], *(np.zeros(51) for _ in range(2)), np.ones(51, int))
+    inner = LandmarkSelection(chosen[17:], np.zeros((51, 3)), *(np.zeros(51) for _ in range(2)), np.ones(51, int))
     save_landmarks(tmp_path / "inner.json", MODEL, "inner51", inner, {})
     landmarks = ["--landmarks", str(tmp_path / "landmarks.json"), str(tmp_path / "inner.json")]
     assert main(["export", str(checkpoint), "--out", str(tmp_path / "release"), "--no-onnx", *landmarks]) == 0
     header, _ = load_checkpoint(tmp_path / "release" / "checkpoint.safetensors")
-    np.testing.assert_array_equal(with_own_landmarks(MODEL, header).landmarks["ibug68"], chosen)
+    own = with_own_landmarks(MODEL, header)
+    np.testing.assert_array_equal(own.landmarks["ibug68"], chosen)
+    np.testing.assert_array_equal(own.mean_landmarks("ibug68"), MODEL.mean[chosen] + offsets)
     np.testing.assert_array_equal(with_own_landmarks(MODEL, header).landmarks["inner51"], chosen[17:])
     np.testing.assert_array_equal(with_own_landmarks(MODEL, HEADER).landmarks["ibug68"], MODEL.landmarks["ibug68"])
     assert "chosen on its fits" in (tmp_path / "release" / "README.md").read_text()
     with pytest.raises(UsageError, match="expected vertices of 0 to"):
         with_own_landmarks(MODEL, replace(header, landmarks={"ibug68": (10**6,)}))
+    with pytest.raises(UsageError, match="an offset for each of 68 landmarks, found 1"):
+        with_own_landmarks(MODEL, replace(header, landmark_offsets_mm={"ibug68": ((0.0, 0.0, 0.0),)}))
 
 
 def test_onnx_computes_what_the_released_weights_compute(checkpoint, tmp_path, monkeypatch):
