@@ -25,8 +25,8 @@ class NetworkOptions:
     Attributes:
         checkpoint: Checkpoint that `train` wrote. Default: the one that comes with the package.
         model: `builtin`, or the model file that the checkpoint was trained for.
-        landmarks: File from `pix2face landmarks select` that lists the vertices of the landmarks. Default: the
-            landmarks in the checkpoint. If it has none, and for renders, those of the model.
+        landmarks: File from `pix2face landmarks select` that says where the landmarks are. Default: the landmarks in
+            the checkpoint. If it has none, and for renders, those of the model.
         device: `cpu`, or a device of PyTorch, such as cuda. Default: a GPU, if there is one and PyTorch is installed.
     """
 
@@ -223,8 +223,8 @@ class PageConfig:
         checkpoint: Checkpoint that `train` wrote, or ONNX file of `pix2face export`. Default: the one that comes with
             the package.
         model: `builtin`, or the model file that the checkpoint was trained for.
-        landmarks: File from `pix2face landmarks select` that lists the vertices of the 68 landmarks. Default: the
-            landmarks in the checkpoint, or else those of the model.
+        landmarks: File from `pix2face landmarks select` that says where the 68 landmarks are. Default: the landmarks in
+            the checkpoint, or else those of the model.
         detector: Face detector that `train detector` or `pix2face export --detector` wrote. Default: the one that comes
             with the package.
         out: Page to write. It contains the networks and needs no other file.
@@ -239,7 +239,8 @@ class PageConfig:
 
 @dataclass(frozen=True)
 class LandmarksSelectConfig:
-    """Choose, for each landmark, the vertex with the smallest mean reprojection error over annotated frames.
+    """Choose, for each landmark, the vertex with the smallest mean reprojection error over annotated frames, and an
+    offset from it.
 
     Attributes:
         data: Folder of annotated photographs, with its subfolders. Annotations are .pts files beside the pictures, .mat
@@ -249,8 +250,8 @@ class LandmarksSelectConfig:
             files, and --landmark-type 2d.
         network: The network whose predicted maps are fitted, as in the paper, and the model.
         coeffs: Use the fits in this table, which `datagen fit` wrote, instead of predictions. They are matched by name.
-        folds: Number of parts that the frames are divided into. Each part is held out in turn to test the vertices that
-            are chosen on the others.
+        folds: Number of parts that the frames are divided into. Each part is held out in turn to test the landmarks
+            that are chosen on the others.
     """
 
     data: Path

@@ -1,1 +1,1 @@
-"""Which vertices of a model are its landmarks."""
+"""Where the landmarks are on a model."""

@@ -13,7 +13,6 @@ import numpy as np
 from jaxtyping import Bool, Float64, Int
 from numpy import ndarray
 
-from pix2face.fitting.prepared_model import vertex_basis
 from pix2face.geometry.camera import Camera
 from pix2face.landmark_choice.landmark_selection import VertexSelection, size_px
 from pix2face.models.morphable_model import MorphableModel
@@ -59,10 +58,13 @@ class _Residuals:
 
     @classmethod
     def of(cls, frames: Sequence[FittedFrame], model: MorphableModel, vertices: Int[ndarray, " m"]) -> "_Residuals":
-        mean, basis = model.mean[vertices].astype(np.float64), vertex_basis(model, vertices).astype(np.float64)
+        basis = np.concatenate([model.identity_basis[:, vertices], model.expression_basis[:, vertices]])
         beside, per_mm = [], []
         for frame in frames:
-            points, unit = mean + basis @ frame.coefficients, size_px(frame.annotated)
+            points, unit = (
+                model.mean[vertices] + np.tensordot(frame.coefficients, basis, axes=1),
+                size_px(frame.annotated),
+            )
             at = frame.camera.project(points)
             moved = [frame.camera.project(points + step) - at for step in np.eye(3)]
             beside.append((frame.annotated - at) / unit)

@@ -126,6 +126,10 @@ MISTAKES = (
             "points * np.array([-1, 1, 1]", "points * np.array([1, -1, 1]", MODELS),
     Mistake("mirroring: landmarks keep their order", "pix2face/models",
             "return landmarks[list(MIRROR_IBUG68)]", "return landmarks", MODELS),
+    Mistake("landmarks: without the offsets from their vertices", "pix2face/models",
+            "self.landmark_offsets_mm.get(scheme, np.zeros(3))", "np.zeros(3)", FITTING + "/test_landmark_types.py"),
+    Mistake("landmarks: the offsets of a pair do not mirror each other", "pix2face/landmark_choice",
+            "right + MIRROR * right[list(mirror)]", "right + right[list(mirror)]", "tests/pix2face/landmark_choice"),
     Mistake("Surrey: rows for columns of a matrix", "pix2face/model_formats",
             ".reshape(columns, rows).T", ".reshape(rows, columns)", "tests/pix2face/model_formats/test_our_files.py"),
     # Fitting.

@@ -84,7 +84,7 @@ def _what_it_is(header: CheckpointHeader, weights: Path, is_continued: bool) -> 
         "architecture": f"{header.architecture}, filters {'-'.join(str(width) for width in header.widths)}",
         "morphable model": f"{header.model_name}, SHA-256 {header.model_sha256}",
         "scales": f"PNCC {header.pncc_scale_mm:g} mm, offset {header.offset_scale_mm:g} mm",
-        "landmarks": ", ".join(f"{scheme}: vertices chosen on its fits" for scheme in header.landmarks)
+        "landmarks": ", ".join(f"{scheme}, chosen on its fits" for scheme in header.landmarks)
         or "those of the morphable model",
         "trained on": f"{header.samples:,} draws in {header.epoch} epochs"
         + (", from the weights of another training (`initial_sha256` below)" if is_continued else ""),

@@ -56,7 +56,7 @@ class StoredReport:
     method: str  # what was measured
     errors: Mapping[str, Mapping[str, float]]  # by point set and face; infinity for a face that was not found
     clips: Mapping[str, str]  # the clip of each face, or its own name
-    landmarks: str  # which vertices of the model were measured, in words
+    landmarks: str  # which landmarks were measured, in words
 
 
 @final

@@ -62,7 +62,7 @@ def open_subject(
 
 
 def _landmarks_of_model(config: EvaluateConfig) -> str:
-    return "vertices of the model" if config.network.landmarks is None else f"vertices of {config.network.landmarks}"
+    return "those of the model" if config.network.landmarks is None else f"those of {config.network.landmarks}"
 
 
 def versions() -> dict[str, str]:
@@ -105,7 +105,7 @@ def _network(config: EvaluateConfig, model: MorphableModel, manifest: Manifest) 
         f"{how.reprojection_rounds} rounds of reprojection asked for, "
         f"{'' if how.is_held else 'not '}held to the silhouette"
         f"{', corrected by the network' if how.is_corrected and predictor.header.n_corrected else ''}",
-        "landmarks": "vertices that the checkpoint brings along"
+        "landmarks": "those that the checkpoint brings along"
         if predictor.header.landmarks and takes_own
         else _landmarks_of_model(config),
         "hashes": {"checkpoint": sha256(checkpoint.read_bytes()).hexdigest()},

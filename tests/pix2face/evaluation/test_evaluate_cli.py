@@ -194,7 +194,7 @@ def test_photographs_have_no_attributes_to_be_told_apart_by(tmp_path, small_mode
 
 @pytest.mark.parametrize(
     ("split", "expected"),
-    [("ibug", "vertices that the checkpoint brings along"), ("builtin-heldout", "vertices of the model")],
+    [("ibug", "those that the checkpoint brings along"), ("builtin-heldout", "those of the model")],
 )
 def test_renders_are_measured_by_the_vertices_that_annotate_them(tmp_path, small_model, monkeypatch, split, expected):
     """A checkpoint's own landmarks stand for how people annotate photographs."""
@@ -210,7 +210,7 @@ def test_renders_are_measured_by_the_vertices_that_annotate_them(tmp_path, small
     write_checkpoint(tmp_path / "checkpoint.safetensors", landmarks={"ibug68": tuple(range(68))})
     assert run(tmp_path, "--data", tmp_path, split=split) == 0
     assert stored_report(tmp_path)["subject"]["landmarks"] == expected
-    is_own = expected == "vertices that the checkpoint brings along"
+    is_own = expected == "those that the checkpoint brings along"
     np.testing.assert_array_equal(measured[0], range(68) if is_own else MODEL.landmarks["ibug68"])
 
 

@@ -131,7 +131,7 @@ def test_the_card_tells_errors_of_renders_apart_by_skin_tone(checkpoint, tmp_pat
     quoted = ["--report", str(tmp_path / "report.json")]
     assert main(["export", str(checkpoint), "--out", str(tmp_path / "release"), "--no-onnx", *quoted]) == 0
     card = (tmp_path / "release" / "README.md").read_text()
-    assert "landmarks: vertices of the model:" in card
+    assert "landmarks: those of the model:" in card
     assert "| `skin.melanin` | images | not found | mean | median | above the threshold | 95 % interval |" in card
     assert f"| {light['name']} | 2 | 2 | none | none | 100.00% | none |" in card
     assert "| 0.5 / to 0.7 | 2 | 0 | 4.09% | 3.54% | 2.00% | 3.84% to 4.39% |" in card

@@ -22,9 +22,7 @@ def stored(errors, path="a.json", clips=None, **changes) -> StoredReport:
     by_name = {f"face {index}": error for index, error in enumerate(errors)}
     clips = dict(zip(by_name, clips, strict=True)) if clips else {name: name for name in by_name}
     errors_of_points = {"68": by_name, "51": by_name}
-    return StoredReport(
-        Path(path), {**BENCHMARK, **changes}, "network", errors_of_points, clips, "vertices of the model"
-    )
+    return StoredReport(Path(path), {**BENCHMARK, **changes}, "network", errors_of_points, clips, "those of the model")
 
 
 def report_json(errors, **changes):
@@ -33,7 +31,7 @@ def report_json(errors, **changes):
         for index, error in enumerate(errors)
     ]
     content = {"format": "pix2face-evaluation", "schema_version": 2, "method": "network", "benchmark": BENCHMARK}
-    content["subject"] = {"landmarks": "vertices of the model"}
+    content["subject"] = {"landmarks": "those of the model"}
     return {**content, "faces": faces, **changes}
 
 
@@ -88,7 +86,7 @@ def test_reports_whose_errors_mean_something_else_are_refused(key, other):
 
 def test_reports_without_a_common_face_are_refused():
     errors = {"68": {"x": 0.1}, "51": {"x": 0.1}}
-    other = StoredReport(Path("b.json"), BENCHMARK, "network", errors, {"x": "x"}, "vertices of the model")
+    other = StoredReport(Path("b.json"), BENCHMARK, "network", errors, {"x": "x"}, "those of the model")
     with pytest.raises(UsageError, match="faces in common"):
         compare_reports(stored([0.1]), other, Bootstrap())
 
@@ -143,17 +141,15 @@ def test_the_command_prints_a_table_and_writes_its_figures(tmp_path, capsys):
     first = random.uniform(0.02, 0.06, 40).tolist()
     (tmp_path / "a").mkdir()
     (tmp_path / "a" / "report.json").write_text(json.dumps(report_json([*first, None])))
-    other = report_json(
-        [own - 0.01 for own in first], subject={"landmarks": "vertices that the checkpoint brings along"}
-    )
+    other = report_json([own - 0.01 for own in first], subject={"landmarks": "those that the checkpoint brings along"})
     (tmp_path / "b.json").write_text(json.dumps(other))
     call = ["compare", str(tmp_path / "a"), str(tmp_path / "b.json"), "--out", str(tmp_path / "new" / "c.json")]
     assert main(call) == 0
     printed = capsys.readouterr().out
     assert "NOT of the same images: 40 in common (all figures are over these), 1 in A alone, 0 in B alone." in printed
     assert "B is better (68 points)" in printed
-    assert "landmarks: vertices of the model)" in printed
-    assert "landmarks: vertices that the checkpoint brings along)" in printed
+    assert "landmarks: those of the model)" in printed
+    assert "landmarks: those that the checkpoint brings along)" in printed
     assert "-1.00 (-1.00 to -1.00)" in printed
     facts = json.loads((tmp_path / "new" / "c.json").read_text())
     assert facts["points"]["68"]["difference"] == pytest.approx(-0.01)
