@@ -239,8 +239,7 @@ class PageConfig:
 
 @dataclass(frozen=True)
 class LandmarksSelectConfig:
-    """Choose, for each landmark, the vertex with the smallest mean reprojection error over annotated frames, and an
-    offset from it.
+    """Choose landmarks, vertices with offsets, by their mean reprojection error over annotated frames.
 
     Attributes:
         data: Folder of annotated photographs, with its subfolders. Annotations are .pts files beside the pictures, .mat
