@@ -108,7 +108,8 @@ class CentreDetector:
             centre = back @ [*face.box.centre, 1]
             # As the box around an ellipse, which faces nearly are.
             half = np.hypot(back[:, 0] * face.box.width, back[:, 1] * face.box.height) / 2
-            faces.append(DetectedFace(FaceBox(*(centre - half).tolist(), *(centre + half).tolist()), face.score))
+            (left, top), (right, bottom) = (centre - half).tolist(), (centre + half).tolist()
+            faces.append(DetectedFace(FaceBox(left, top, right, bottom, degrees), face.score))
         return faces
 
 

@@ -1,6 +1,6 @@
 """From the maps of one picture to camera, coefficients, mesh and landmarks."""
 
-from dataclasses import astuple, dataclass, replace
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from typing import final
 
@@ -58,7 +58,7 @@ class FaceFit:
 
     def __repr__(self) -> str:
         """The face in one line, without its arrays."""
-        box = "no box" if self.box is None else "box " + ", ".join(f"{side:.0f}" for side in astuple(self.box))
+        box = "no box" if self.box is None else "box " + ", ".join(f"{side:.0f}" for side in self.box.sides)
         error = "unknown" if self.expected_error is None else f"{100 * self.expected_error:.1f} %"
         return f"<FaceFit to {self.model.name!r}: {len(self.landmarks2d)} landmarks, {box}, expected error {error}>"
 

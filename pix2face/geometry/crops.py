@@ -20,12 +20,17 @@ SMALLEST_CROP_SCALE, LARGEST_CROP_SCALE = 0.5, 5.0
 @final
 @dataclass(frozen=True)
 class FaceBox:
-    """The tight box of the projected 68 landmarks, in pixels."""
+    """The tight box of the projected 68 landmarks, in pixels.
+
+    ``turn_deg`` is the angle by which the picture has to be turned anticlockwise for the face to be upright. A detector
+    knows it roughly, for faces that are tilted or upside down; it is 0 for all others.
+    """
 
     left: float
     top: float
     right: float
     bottom: float
+    turn_deg: float = 0.0
 
     @classmethod
     def around(cls, landmarks2d: Float[ndarray, "n 2"]) -> "FaceBox":
@@ -40,6 +45,11 @@ class FaceBox:
         left, top = (float(value) for value in finite.min(axis=0))
         right, bottom = (float(value) for value in finite.max(axis=0))
         return cls(left, top, right, bottom)
+
+    @property
+    def sides(self) -> tuple[float, float, float, float]:
+        """Left, top, right and bottom, in pixels."""
+        return self.left, self.top, self.right, self.bottom
 
     @property
     def width(self) -> float:
@@ -116,12 +126,14 @@ def square_crop(
         scale: Side of the square as a multiple of the box's longer side.
         size_px: Side of the crop in its own pixels.
         shift: Displacement of the centre as a fraction of the longer side, (right, down).
-        rotation: Radians; a positive rotation turns the content of the crop anticlockwise.
+        rotation: Radians; a positive rotation turns the content of the crop anticlockwise, in addition to the turn of
+            the box.
         mirror: Whether left and right are exchanged.
     """
     pixel = scale * box.longer_side / size_px
     centre = box.centre + np.asarray(shift) * box.longer_side
-    cos, sin = np.cos(rotation), np.sin(rotation)
+    angle = rotation + np.radians(box.turn_deg)
+    cos, sin = np.cos(angle), np.sin(angle)
     linear = pixel * np.array([[cos, -sin], [sin, cos]])
     if mirror:
         linear[:, 0] *= -1

@@ -119,8 +119,8 @@ class Predictor:
     def predict_batch(self, faces: Sequence[tuple[UInt8[ndarray, "_ _ 3"], FaceBox]]) -> list[Prediction]:
         """Predicts the maps of several faces, each a picture and a box as in ``predict``.
 
-        Faces are predicted in one pass of the network, and those that are tilted in a second one, in crops that are
-        turned so that they are upright. This needs a network that predicts landmarks.
+        Faces are predicted in one pass of the network, in crops that are turned as the boxes say. Those that are tilted
+        are predicted in a second pass, in crops that show them upright. This needs a network that predicts landmarks.
 
         All faces are in memory at once, so use it for a few dozen at most. ``predict_many`` takes any number.
         """
@@ -183,7 +183,7 @@ class Predictor:
         if landmarks is None:
             return None
         tilt = _tilt(prediction.maps)
-        if abs(tilt) <= TILTED_RAD:
+        if abs(tilt) <= TILTED_RAD and not prediction.box.turn_deg:  # the boxes of turned faces are rough
             return None
         cos, sin = np.cos(tilt), np.sin(tilt)
         from_turned = np.array([[cos, -sin, 0], [sin, cos, 0], [0, 0, 1]])

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, astuple
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -35,7 +35,7 @@ def fit_to_json(fitted: FaceFit, photograph: str, size_px: tuple[int, int]) -> s
     return json.dumps(
         {
             "photograph": photograph,
-            "box_px": None if fitted.box is None else astuple(fitted.box),
+            "box_px": None if fitted.box is None else fitted.box.sides,
             "score": fitted.score,
             "model": {"name": fitted.model.name, "sha256": fitted.model.sha256},
             "camera_kind": camera_kind(fitted.camera),

@@ -1,7 +1,5 @@
 """Pictures of a fitted face: overlay, maps; and its point cloud."""
 
-from dataclasses import astuple
-
 import cv2
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Float64, UInt8
@@ -51,7 +49,7 @@ def draw_box(
     picture: UInt8[ndarray, "h w 3"], box: FaceBox, score: float | None, colour: tuple[int, int, int] = LANDMARK_COLOUR
 ) -> None:
     """Draws a face box into a picture, with its score above it if it has one."""
-    left, top, right, bottom = (int(side) for side in np.clip(astuple(box), -LARGEST_PX, LARGEST_PX))
+    left, top, right, bottom = (int(side) for side in np.clip(box.sides, -LARGEST_PX, LARGEST_PX))
     cv2.rectangle(picture, (left, top), (right, bottom), colour, 1, cv2.LINE_AA)
     if score is not None:
         place = (max(left, 0), max(top - 4, LETTER_PX))
@@ -76,7 +74,7 @@ def draw_overlay(
     blend = shaded_face(background, fit.vertices, fit.model, camera)
     overlay = draw_landmarks(blend, crop.to_crop(fit.landmarks2d), in_sight=in_sight)
     if fit.box is not None:
-        left, top, right, bottom = astuple(fit.box)
+        left, top, right, bottom = fit.box.sides
         corners = crop.to_crop(np.array([[left, top], [right, bottom]]))
         draw_box(overlay, FaceBox(*corners.ravel().tolist()), fit.score)
     return overlay

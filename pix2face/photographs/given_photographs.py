@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Iterable, Sequence
-from dataclasses import astuple, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -78,9 +78,8 @@ def _as_box(box: object) -> FaceBox:
         except (TypeError, ValueError) as error:
             raise UsageError(f"expected face boxes [(left, top, right, bottom), ...], found {box!r} as one") from error
         box = FaceBox(left, top, right, bottom)
-    if not (
-        np.isfinite(astuple(box)).all() and box.width >= 0 and box.height >= 0 and box.longer_side >= SMALLEST_BOX_PX
-    ):
+    is_finite = np.isfinite((*box.sides, box.turn_deg)).all()
+    if not (is_finite and box.width >= 0 and box.height >= 0 and box.longer_side >= SMALLEST_BOX_PX):
         raise DegenerateGeometryError(
             f"expected a face box (left, top, right, bottom) of at least {SMALLEST_BOX_PX:g} pixel, found {box}"
         )

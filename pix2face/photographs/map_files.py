@@ -2,7 +2,6 @@
 
 import json
 from collections.abc import Callable, Mapping
-from dataclasses import astuple
 from io import BytesIO
 from pathlib import Path
 
@@ -58,7 +57,7 @@ def _write_npz(folder: Path, name: str, prediction: Prediction) -> None:
         offset=maps.offset,
         mask=maps.mask,
         image_from_crop=prediction.crop.image_from_crop,
-        box_px=np.array(astuple(prediction.box)),
+        box_px=np.array(prediction.box.sides),
         score=np.array(np.nan if prediction.score is None else prediction.score),
     )
     write_file(folder / f"{name}.npz", content.getvalue())
@@ -73,7 +72,7 @@ def _write_png16(folder: Path, name: str, prediction: Prediction) -> None:
     crop = {
         "image_from_crop": prediction.crop.image_from_crop.tolist(),
         "size_px": prediction.crop.size_px,
-        "box_px": astuple(prediction.box),
+        "box_px": prediction.box.sides,
         "score": prediction.score,
     }
     write_file(folder / f"{name}-crop.json", json.dumps(crop, indent=1))
@@ -90,7 +89,7 @@ def _write_exr(folder: Path, name: str, prediction: Prediction) -> None:
     attributes = {
         "unit": "mm",
         "image_from_crop": prediction.crop.image_from_crop,
-        "box_px": tuple(np.array(astuple(prediction.box), dtype=np.float32).reshape(2, 2)),
+        "box_px": tuple(np.array(prediction.box.sides, dtype=np.float32).reshape(2, 2)),
         **({} if prediction.score is None else {"score": float(prediction.score)}),
     }
     write_file(folder / f"{name}.exr", encode_exr(channels, attributes))

@@ -7,7 +7,7 @@ which removes nearly all false boxes (figures: docs/explanation/detection_and_tr
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import final
 
 import numpy as np
@@ -27,6 +27,8 @@ from pix2face.models.morphable_model import MorphableModel
 # Error that the network expects (``FaceFit.expected_error``). It was chosen on AFLW2000-3D's 400 photographs and dlib's
 # nine: the network expects more for five of 440 faces, and less for no false box that does not show a face.
 PLAUSIBLE_ERROR = 0.087
+# For boxes of turned pictures: a picture without faces has eight chances to look like one.
+PLAUSIBLE_ERROR_IF_TURNED = 0.045
 # For networks that expect no errors, how well the maps of a crop fit a face: the median distance between a pixel and
 # the projection of its own point, at the scale of the face. A good network leaves 2 mm on most faces, and one that has
 # hardly been trained leaves 10 mm and more.
@@ -62,7 +64,8 @@ class RefinedBox:
     @property
     def is_plausible(self) -> bool:
         """Whether there is a face in this place, so that the refined box may be used."""
-        is_error_small = self.expected_error is None or self.expected_error <= PLAUSIBLE_ERROR
+        largest_error = PLAUSIBLE_ERROR_IF_TURNED if self.box.turn_deg else PLAUSIBLE_ERROR
+        is_error_small = self.expected_error is None or self.expected_error <= largest_error
         is_residual_small = self.residual_mm is None or self.residual_mm <= PLAUSIBLE_MM
         return is_error_small and is_residual_small and self.overlap >= PLAUSIBLE_OVERLAP
 
@@ -95,12 +98,13 @@ def refined_boxes(
             _around_landmarks(crop, landmarks, box)
             for (crop, landmarks), (_, box) in zip(predictor.predict_landmarks(faces), faces, strict=True)
         ]
-        # A face that is tilted too far is not plausible at first. A whole prediction looks at it upright.
+        # A face that is tilted in another way than its box says is not plausible at first. A whole prediction, which is
+        # not told the turn of the box, looks at it upright.
         doubtful = [place for place, own in enumerate(found) if own is None or not own.is_plausible]
-        again = predictor.predict_many([faces[place] for place in doubtful])
-        for place, prediction in zip(doubtful, again, strict=True):
+        untold = [(faces[place][0], replace(faces[place][1], turn_deg=0.0)) for place in doubtful]
+        for place, prediction in zip(doubtful, predictor.predict_many(untold), strict=True):
             assert prediction.maps.landmarks is not None
-            found[place] = _around_landmarks(prediction.crop, prediction.maps.landmarks, faces[place][1])
+            found[place] = _around_landmarks(prediction.crop, prediction.maps.landmarks, prediction.box)
         return found
     return [
         _around_fit(prediction, box, model)
@@ -110,7 +114,7 @@ def refined_boxes(
 
 def _around_landmarks(crop: Crop, landmarks: PredictedLandmarks, box: FaceBox) -> RefinedBox | None:
     try:
-        better = FaceBox.around(crop.to_image(landmarks.points2d))
+        better = replace(FaceBox.around(crop.to_image(landmarks.points2d)), turn_deg=box.turn_deg)
     except DegenerateGeometryError:
         return None
     error = expected_error(landmarks.points2d, expected_distances(landmarks))
@@ -123,7 +127,7 @@ def _around_fit(prediction: Prediction, box: FaceBox, model: MorphableModel) -> 
         return None
     try:
         fit = fit_face(maps, model)
-        better = FaceBox.around(prediction.crop.to_image(fit.landmarks2d))
+        better = replace(FaceBox.around(prediction.crop.to_image(fit.landmarks2d)), turn_deg=box.turn_deg)
     except DegenerateGeometryError:
         return None
     residual_mm = _residual_px(maps, fit.camera) / nearest_weak_perspective(fit.camera).scale

@@ -10,7 +10,7 @@ adjacent". Deviation from the paper: before the first and after the last detecti
 
 import csv
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import astuple, dataclass, replace
+from dataclasses import dataclass, replace
 from io import TextIOBase
 from pathlib import Path
 from typing import Literal, final
@@ -103,7 +103,7 @@ class FaceTracker:
                 before, last=frame, n_detected=before.n_detected + 1, weight=before.weight + box.longer_side
             )
             self._live[track] = box
-            sides = (f"{side:.3f}" for side in astuple(box))
+            sides = (f"{side:.3f}" for side in box.sides)
             self._rows.writerow([frame, track, *sides, "" if score is None else f"{score:.4g}"])
 
     def _match(self, frame: int, boxes: Sequence[FaceBox]) -> dict[int, int]:
@@ -190,5 +190,5 @@ def _between(before: FrameBox, after: FrameBox, frame: int) -> FrameBox:
         nearest = after if abs(after.frame - frame) < abs(frame - before.frame) else before
         return FrameBox(frame, nearest.box, "held", nearest.track)
     share = (frame - before.frame) / (after.frame - before.frame)
-    sides = (1 - share) * np.array(astuple(before.box)) + share * np.array(astuple(after.box))
+    sides = (1 - share) * np.array(before.box.sides) + share * np.array(after.box.sides)
     return FrameBox(frame, FaceBox(*sides.tolist()), "interpolated", before.track)

@@ -216,7 +216,7 @@ def _write_scene(folder: Path, formats: tuple[TrackFormat, ...], scene: ClipScen
 
 
 def _csv_row(face: TrackedFace, time_s: float) -> list[object]:
-    sides = (f"{side:.2f}" for side in astuple(face.box.box))
+    sides = (f"{side:.2f}" for side in face.box.box.sides)
     row: list[object] = [face.box.frame, f"{time_s:.4f}", face.box.source, face.state, *sides]
     row += [_number(face.box.score), _number(face.seen_share)]
     if face.state == "none":
@@ -253,7 +253,7 @@ def _frame_arrays(face: TrackedFace, time_s: float) -> dict[str, ndarray]:
     return {
         "frame": np.array(face.box.frame, dtype=np.int64),
         "time_s": np.array(time_s),
-        "box": np.array(astuple(face.box.box), dtype=np.float32),
+        "box": np.array(face.box.box.sides, dtype=np.float32),
         "score": np.array(np.nan if face.box.score is None else face.box.score, dtype=np.float32),
         "seen_share": np.array(np.nan if face.seen_share is None else face.seen_share, dtype=np.float32),
         "box_source": np.array(BOX_SOURCES.index(face.box.source), dtype=np.uint8),

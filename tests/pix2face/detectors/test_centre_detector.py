@@ -124,6 +124,7 @@ def test_faces_of_turned_pictures_are_found_in_their_pixels(turns: int) -> None:
         corners = np.column_stack([corners[:, 1], width - corners[:, 0]])
         width, height = height, width
     assert overlap(found.box, FaceBox.around(corners)) > 0.8
+    assert (expected.box.turn_deg, found.box.turn_deg) == (0, 360 - 90 * turns)  # the face leans to the left
 
 
 def one_in_the_middle(pictures: ndarray, score: float) -> ndarray:

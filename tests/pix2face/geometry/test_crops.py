@@ -125,6 +125,12 @@ def test_positive_rotation_turns_what_is_seen_anticlockwise() -> None:
     assert y == pytest.approx(-40 * np.sin(np.deg2rad(30)))  # goes up, and y points down
 
 
+def test_the_turn_of_a_box_adds_to_the_rotation_of_its_crop() -> None:
+    told = square_crop(FaceBox(0, 0, 100, 60, turn_deg=25), 1.4, 100, rotation=np.deg2rad(5), shift=(0.1, 0))
+    turned = square_crop(FaceBox(0, 0, 100, 60), 1.4, 100, rotation=np.deg2rad(30), shift=(0.1, 0))
+    np.testing.assert_allclose(told.image_from_crop, turned.image_from_crop)
+
+
 def test_shift_moves_the_crop_right_and_then_down() -> None:
     crop = square_crop(FaceBox(0, 0, 100, 50), 1.0, 10, shift=(0.2, -0.1))
     np.testing.assert_allclose(crop.to_image(np.array([5.0, 5.0])), [50 + 20, 25 - 10], atol=1e-9)

@@ -156,6 +156,21 @@ def test_tilted_faces_are_predicted_again_in_upright_crops(tilt_deg):
     np.testing.assert_array_equal(network.batches[1], shown)
 
 
+@pytest.mark.parametrize("more_deg", [0, -10, 60])
+def test_a_face_whose_box_tells_its_turn_is_upright_in_both_crops(more_deg):
+    """It may be tilted by somewhat more than its box says."""
+    network, box = LeaningNetwork(np.radians(more_deg)), replace(BOX, turn_deg=135.0)
+    prediction = Predictor(network, replace(HEADER, n_landmarks=68)).predict(picture(), box)
+    first = square_crop(BOX, 1.4, 32, rotation=np.deg2rad(135))
+    shown = (crop_image(picture(), first).astype(np.float32) / 255 - 0.5)[None]
+    np.testing.assert_array_equal(network.batches[0], shown)
+    assert len(network.batches) == 2
+    across = prediction.crop.image_from_crop[:2, 0]
+    turn_deg = np.degrees(np.arctan2(across[1], across[0]))
+    assert (turn_deg - 135 - more_deg + 180) % 360 == pytest.approx(180, abs=1)
+    assert prediction.box == box
+
+
 def test_of_a_batch_only_tilted_faces_are_predicted_again():
     network = LeaningNetwork(0.0, 1.0, 0.1)
     faces = [(picture(seed), BOX) for seed in range(3)]

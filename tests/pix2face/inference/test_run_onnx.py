@@ -1,7 +1,5 @@
 """examples/run_onnx.py: what the pages say of exported networks is enough to run them without pix2face."""
 
-from dataclasses import astuple
-
 import cv2
 import numpy as np
 import onnxruntime
@@ -25,9 +23,9 @@ def test_the_example_reads_a_face_as_pix2face_does(image: np.ndarray) -> None:
     score, box = surest_face(onnxruntime.InferenceSession(export_detector(DETECTOR)), image)
     found = CentreDetector.load(DETECTOR).candidates(image)[0]
     assert score == pytest.approx(found.score, rel=0.05)  # the picture is scaled in another way
-    assert box == pytest.approx(astuple(found.box), abs=0.05 * found.box.longer_side)  # one cell instead of nine
+    assert box == pytest.approx(found.box.sides, abs=0.05 * found.box.longer_side)  # one cell instead of nine
 
-    face = read_face(onnxruntime.InferenceSession(export_onnx(PACKAGED)[1]), image, np.array(astuple(found.box)))
+    face = read_face(onnxruntime.InferenceSession(export_onnx(PACKAGED)[1]), image, np.array(found.box.sides))
     predictor = Predictor.load(PACKAGED, "cpu")
     maps = predictor.predict(image, found.box).maps
     ((crop, landmarks),) = predictor.predict_landmarks([(image, found.box)])

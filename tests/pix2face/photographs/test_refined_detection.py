@@ -103,6 +103,20 @@ def test_landmarks_of_the_network_and_their_expected_errors_decide_where_it_pred
     assert refined.residual_mm is None
 
 
+@pytest.mark.parametrize(("scale", "is_plausible"), [(1 / 128, True), (3 / 128, False)])
+def test_a_box_of_a_turned_picture_keeps_its_turn_where_the_network_is_surer(scale, is_plausible):
+    """Of upright boxes, both expected errors are plausible."""
+    model = small_head_model()
+    face = photographed_face(model)
+    turned = replace(face.box, turn_deg=90.0)
+    points2d = square_crop(turned, INFERENCE_SCALE, 128).to_crop(face.landmarks2d) / 128 - 0.5
+    (refined,) = refined_boxes([(face.photograph(), turned)], landmark_predictor(model, points2d, scale), model)
+    assert refined is not None
+    assert refined.is_plausible
+    assert refined.box.turn_deg == (90 if is_plausible else 0)  # else a second look does not go by the turn
+    np.testing.assert_allclose(refined.box.centre, face.box.centre, atol=1e-3 if is_plausible else 8)
+
+
 def test_a_doubtful_face_is_looked_at_again_with_its_maps_which_turn_it_upright():
     model = small_head_model()
     face = photographed_face(model)
