@@ -37,8 +37,9 @@ PROBLEMS_SHOWN = 10
 MOST_FRAMES = 5_000  # whose fits are remembered: more would tell the offsets no better
 console = Console(stderr=True)
 
-# Takes an annotation and its points, and returns the camera and the coefficients of its frame.
-FitFrame = Callable[[Annotation, AnnotatedFace], tuple[Camera, Float64[ndarray, " c"]]]
+CameraAndCoefficients = tuple[Camera, Float64[ndarray, " c"]]
+# Fits the face of an annotation, whose points are given as well.
+FitFrame = Callable[[Annotation, AnnotatedFace], CameraAndCoefficients]
 
 
 def landmarks(command: LandmarksCommand) -> int:
@@ -133,7 +134,7 @@ def _given_fits(model: MorphableModel, path: Path) -> FitFrame:
         )
     row_of = {sample_id: row for row, sample_id in enumerate(table.sample_ids)}
 
-    def fit_frame(annotation: Annotation, _: AnnotatedFace) -> tuple[Camera, Float64[ndarray, " c"]]:
+    def fit_frame(annotation: Annotation, _: AnnotatedFace) -> CameraAndCoefficients:
         row = row_of.get(annotation.name)
         if row is None:
             raise InputFileError(f"expected its fit in {path}, found none of this name")
@@ -149,7 +150,7 @@ def _predicted_fits(model: MorphableModel, predictor: Predictor) -> FitFrame:
     if framing is None:
         raise UsageError(f"expected a model with landmarks to frame faces by, {model.name} has none; give --coeffs")
 
-    def fit_frame(_: Annotation, annotated: AnnotatedFace) -> tuple[Camera, Float64[ndarray, " c"]]:
+    def fit_frame(_: Annotation, annotated: AnnotatedFace) -> CameraAndCoefficients:
         image = read_photograph(annotated.image_path)
         present = np.isfinite(annotated.landmarks2d).all(axis=1)
         box = FaceBox.around(annotated.landmarks2d[present])
