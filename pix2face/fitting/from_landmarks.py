@@ -62,7 +62,7 @@ class LandmarkModel:
 
     @classmethod
     def of(cls, model: MorphableModel, scheme: str = IBUG68) -> "LandmarkModel":
-        """Takes the landmark rows of a model.
+        """Takes the landmark rows of a model, without the offsets of landmarks from their vertices.
 
         Raises:
             UsageError: The model has no such landmarks.
@@ -71,7 +71,8 @@ class LandmarkModel:
         vertices = model.landmarks[scheme]
         # `take` returns arrays in C order. Indexing does not, and every product would have to copy the basis.
         basis = np.concatenate([each.take(vertices, axis=1) for each in (model.identity_basis, model.expression_basis)])
-        return cls(model.mean_landmarks(scheme), basis.astype(np.float64), model.n_identity)
+        # With the offsets, fits follow points in a wrong order so well that checks no longer tell them from faces.
+        return cls(model.mean[vertices].astype(np.float64), basis.astype(np.float64), model.n_identity)
 
     @classmethod
     def marked(cls, model: MorphableModel) -> "LandmarkModel":

@@ -96,8 +96,8 @@ def test_mirrored_heads_slide_alike() -> None:
 def test_sliding_finds_the_yaw_that_fixed_jaw_points_hide() -> None:
     _, landmark_model, contour = builtin()
     errors = {"fixed": [], "sliding": []}
-    rng = np.random.default_rng(1)
-    for yaw_deg in 2 * YAWS_DEG:
+    rng = np.random.default_rng(0)
+    for yaw_deg in YAWS_DEG:
         coefficients = 0.7 * rng.normal(size=len(landmark_model.basis)).clip(-2, 2)
         annotated = outline_annotation(camera_at(yaw_deg), coefficients)
         for name, used in (("fixed", None), ("sliding", contour)):
